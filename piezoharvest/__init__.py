@@ -28,7 +28,7 @@ _HOMES = {
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "description.shunts": (
-        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "ESSH",
+        "AdaptiveRL", "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "ESSH",
         "HalfWave", "LinearShunt", "MPPT", "NegativeCapacitance", "Network", "OpAmpNegativeCapacitance", "Open",
         "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SCSECE",
         "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SelfPoweredSECE", "SelfPoweredSSDI", "SelfPoweredSSHI",

@@ -168,6 +168,15 @@ def test_the_whole_package_is_asked_for_its_version_only(path):
             assert node.attr == "__version__", f"{path}:{node.lineno}: piezoharvest.{node.attr}"
 
 
+@pytest.mark.parametrize("path", [path for path in FILES if "engine" in path.parts], ids=lambda path: path.stem)
+def test_the_engine_knows_no_shunt_by_name(path):
+    """What it needs to know of one, the shunt itself says."""
+    general = ("base", "cold_start", "stored")  # all shunts, and what is put around any of them
+    for name, line in imports(path):
+        if name.startswith("piezoharvest.description.shunts"):
+            assert name.split(".")[3] in general, f"{path}:{line}: imports {name}"
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_heavy_packages_stay_where_they_belong(path):
     for name, line in imports(path):

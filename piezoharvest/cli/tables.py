@@ -23,7 +23,7 @@ _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
     "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
     "displacement_rms", "standard_error", "figure_of_merit", "energy_stored", "time_to_turn_on", "wakes_per_hour",
-    "packets_per_hour", "time_to_start", "least_switching_voltage",
+    "packets_per_hour", "time_to_start", "least_switching_voltage", "adapted_inductance",
 )  # fmt: skip
 
 _QUANTILES = {"p5": "5 %", "p50": "50 %", "p95": "95 %"}

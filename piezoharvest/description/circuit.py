@@ -29,6 +29,8 @@ class Port(NamedTuple):
         The constant 1.
     capacitance : float
         Clamped capacitance C of the transducer in F, to which a controller is tuned.
+    strain_current : Row or None
+        sum T_i x_i' (A), as a sensor of the motion beside the electrodes shows it; None where only the port is known.
     """
 
     v: Row
@@ -36,6 +38,7 @@ class Port(NamedTuple):
     i: Row
     one: Row
     capacitance: float
+    strain_current: Row | None = None
 
 
 class State(NamedTuple):

@@ -109,8 +109,8 @@ class CandidateMaker:
             return Tuned(draft.shunt, np.nan, "as given", "nothing to tune", 0)
         if isinstance(draft.shunt, LinearShunt):
             return self._linear(draft)
-        assert isinstance(draft.shunt, Bridge)
-        found = bridge_starts(self.view, draft) or [Start("as given", draft.first())]
+        found = bridge_starts(self.view, draft) if isinstance(draft.shunt, Bridge) else []
+        found = found or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
 
     def _tuned_late(self, draft: Draft, tuned: Tuned) -> Tuned:

@@ -162,6 +162,7 @@ class Drafting:
         if isinstance(shunt, LinearShunt):
             active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
             names += [name for name in _entries(shunt) if value_at(shunt, name) not in active]
+        names += shunt.tuned
         held = self.options.hold
         return tuple(name for name in names if name.partition(".")[0] not in held)
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.description.shunts import Shunt
-from piezoharvest.description.shunts.linear.open import Open
-from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.system import System
 
 # A motion, or the voltage of the smoothing capacitor, has died out to exp(-5) = 0.7 % after so many time constants:
@@ -30,7 +28,8 @@ def batch_edges(system: System, length: float) -> np.ndarray:
     """
     from piezoharvest.linear import poles
 
-    found = np.concatenate([poles(System(system.transducer, shunt)) for shunt in (Short(), Open())])
+    plain = System(system.transducer, Shunt())
+    found = np.concatenate([poles(System(system.transducer, ends.shunt)) for ends in (plain.shorted, plain.opened)])
     moving = found[np.imag(found) > 0]
     span = _DECAYS / float(np.min(-np.real(moving), initial=np.inf, where=np.real(moving) < 0))
     span = max(span, _DECAYS * _smoothing(system.shunt), length / _MOST_BATCHES)

@@ -127,6 +127,8 @@ class Response(Shown):
         Time after which the control of a switch that the dc side powers worked first, s; None as `time_to_turn_on`.
     least_switching_voltage : float or None
         Amplitude of the open-circuit voltage above which a switch that powers itself acts, V; None for other switches.
+    adapted_inductance : float or None
+        Inductance of a coil that adapts itself, at the end of the run, H; None for other circuits.
     exhausted : bool
         The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
@@ -155,6 +157,7 @@ class Response(Shown):
     packets_per_hour: float | None = None
     time_to_start: float | None = None
     least_switching_voltage: float | None = None
+    adapted_inductance: float | None = None
 
     @property
     def heading(self) -> str:

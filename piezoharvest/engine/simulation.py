@@ -12,8 +12,6 @@ from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.damping.digital import Digital
-from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
@@ -96,7 +94,7 @@ def simulate(
     try:
         if length is None:
             most = bounds(system.transducer, excitation, lowered)
-            response = _steady(lowered, excitation, samples, system.shunt.kind, most)
+            response = _steady(lowered, excitation, samples, system.shunt, most)
             power, moved = response.harvested_power, response.displacement_amplitude
             merit = float(figure_of_merit(power, moved, system, excitation))
             response = _replaced(response, figure_of_merit=merit)
@@ -108,10 +106,10 @@ def simulate(
         response = _with_remark(
             response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         )
-    if isinstance(system.shunt, Digital) and not (radius := sampled_loop(system).radius) < 1.0:
+    if system.shunt.sampled and not (radius := sampled_loop(system).radius) < 1.0:
         response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
-    if isinstance(system.shunt, ElectronicBreaker):
-        response = _of_the_breakers(response, system.shunt)
+    if response.waveforms is not None and (remark := system.shunt.remark(response.waveforms.event_names)):
+        response = _with_remark(response, remark)
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
@@ -125,15 +123,6 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=float(20 * np.log10(response.displacement_amplitude / reference)))
-
-
-def _of_the_breakers(response: Response, shunt: ElectronicBreaker) -> Response:
-    """The response of a circuit that powers its switches, with what these need, and a remark where they are at rest."""
-    least, waves = float(shunt.least_voltage), response.waveforms
-    response = _replaced(response, least_switching_voltage=least)
-    if waves is None or "switch closes" in waves.event_names:
-        return response
-    return _with_remark(response, f"no breaker closes: they need an open-circuit voltage of {least:.4g} V at least")
 
 
 def _is_idle(effect: Effect, shunt: Shunt) -> bool:
@@ -160,11 +149,11 @@ def _replaced(response: Response, **changes) -> Response:
     return replace(response, **changes)
 
 
-def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str, most: Bounds) -> Response:
+def _steady(lowered: Lowered, excitation: Excitation, samples: int, shunt: Shunt, most: Bounds) -> Response:
     """Find the periodic steady state and record one period of it; a long run where there is none."""
     orbit, mirrored, message, evaluations, settles = search(lowered, excitation)
     if not settles:
-        return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
+        return _unsettled(lowered, excitation, samples, shunt, orbit, evaluations)
     period, begin = excitation.period, orbit.time
     assert period is not None
     # The section may be at any phase; samples are taken at the instants of a period that begins at phase zero.
@@ -177,10 +166,10 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str, m
     before = _stored(shooting.machine, state)
     check(shooting.machine.run(state, begin + period))
     if not shooting.repeats(orbit, state):
-        return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
+        return _unsettled(lowered, excitation, samples, shunt, replace(orbit, residual=np.inf), evaluations)
     # Energy that a large smoothing capacitor gains or loses within the tolerance of the search is not an imbalance.
     change = _stored(shooting.machine, state) - before
-    response = _response(lowered, state, kind, period, begin, change, before, most)
+    response = _response(lowered, state, shunt, period, begin, change, before, most)
     response.energy.pop("stored", None)
     response = _replaced(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
     return _finish(response, message, evaluations)
@@ -272,7 +261,7 @@ def _transient(lowered: Lowered, system: System, excitation: Excitation, t_end: 
         check(machine.run(state, float(edge)))
         harvested.append(float(state.energy[place]))
     change = _stored(machine, state) - before
-    response = _finish(_response(lowered, state, system.shunt.kind, t_end, 0.0, change, before), "", np.nan)
+    response = _finish(_response(lowered, state, system.shunt, t_end, 0.0, change, before), "", np.nan)
     return _with_errors(response, np.array(harvested[:-1]), edges) if len(edges) else response
 
 
@@ -286,7 +275,7 @@ def _with_errors(response: Response, harvested: np.ndarray, edges: np.ndarray) -
     return _replaced(response, displacement_rms=rms, standard_error=errors)
 
 
-def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evaluations: float) -> Response:
+def _unsettled(lowered, excitation, samples: int, shunt: Shunt, orbit: Orbit, evaluations: float) -> Response:
     """Averages of a long run from rest where no periodic steady state was found."""
     period, skipped = excitation.period, 10 * UNSETTLED_PERIODS
     machine = Machine(lowered, ledger=True)
@@ -298,7 +287,7 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     before = _stored(machine, recorder)
     check(machine.run(recorder, begin + window))
     change = _stored(machine, recorder) - before
-    response = _response(lowered, recorder, kind, window, begin, change, before)
+    response = _response(lowered, recorder, shunt, window, begin, change, before)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
     if orbit.converged:
         reason = "a periodic solution exists and is stable, but a motion from rest does not come to it"
@@ -334,7 +323,7 @@ def _after(machine: Machine, time: float, window: float) -> EngineState:
 def _response(
     lowered: Lowered,
     state: EngineState,
-    kind: str,
+    shunt: Shunt,
     length: float,
     begin: float,
     change: float,
@@ -370,7 +359,7 @@ def _response(
         event_names=tuple(pg.EVENT_NAMES[c] for c in state.log_code[:count]),
     )
     return Response(
-        shunt=kind,
+        shunt=shunt.kind,
         converged=not found,
         message=found if found else uncertainty_message(computed["harvested"], share * largest),
         period=length,
@@ -384,8 +373,15 @@ def _response(
         events_per_period=int(state.D[st.LOGGED]),
         periods_evaluated=0,
         waveforms=waveforms,
+        **shunt.figures(_states_of(lowered, state)),
         **_of_the_store(lowered, state, length, from_rest=begin == 0.0 and most is None),
     )
+
+
+def _states_of(lowered: Lowered, state: EngineState) -> dict[str, float]:
+    """States in SI units, by name."""
+    scale = lowered.program.scale
+    return {name: float(z) for name, z in zip(lowered.states, state.z[: len(scale)] * scale, strict=True)}
 
 
 def _of_the_store(lowered: Lowered, state: EngineState, length: float, from_rest: bool) -> dict[str, Any]:

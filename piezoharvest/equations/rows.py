@@ -74,20 +74,17 @@ def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
 
 @dataclass(frozen=True)
 class Ports:
-    """Ports of all electrodes, the transducer's own first, and what makes them move.
+    """Ports of all electrodes, the transducer's own first.
 
     Attributes
     ----------
     all : tuple of Port
     charged : tuple of int
         Numbers of the electrodes whose charges are states. The others are open: a voltage that follows the motion.
-    strain_currents : tuple of Row
-        Of each sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
     """
 
     all: tuple[Port, ...]
     charged: tuple[int, ...]
-    strain_currents: tuple[Row, ...]
 
     def __getitem__(self, number: int) -> Port:
         return self.all[number]
@@ -102,7 +99,8 @@ def further_ports(transducer: Transducer, z: Rows, dz: Rows, one: Row) -> list[P
             (rows.get(name, 0.0 * one) - _by_coupling(electrode, rows, "x", one)) / electrode.capacitance
             for rows in (z, dz)
         )
-        found.append(Port(v, dv, -dz.get(name, 0.0 * one), one, electrode.capacitance))
+        strain_current = _by_coupling(electrode, z, "u", one)
+        found.append(Port(v, dv, -dz.get(name, 0.0 * one), one, electrode.capacitance, strain_current))
     return found
 
 
@@ -203,14 +201,14 @@ def device(
     v_h, dv_h = hysteresis
     placing = Placing(terms, z, dz, drive, one, v_h)
     transducer = terms.transducer
-    own = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, transducer.capacitance)
+    strain_current = _by_coupling(transducer.all_electrodes[0], z, "u", one)
+    own = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, transducer.capacitance, strain_current)
     further = further_ports(transducer, z, dz, one)
     charged = (0, *(number for number in range(1, 1 + len(further)) if f"q{number}" in z))
-    currents = [_by_coupling(electrode, z, "u", one) for electrode in transducer.all_electrodes]
     return Device(
         placing,
         mechanics(placing, further, z, dz, drive, base, imposed),
-        Ports((own, *further), charged, tuple(currents)),
+        Ports((own, *further), charged),
         placing.rows(terms.equations),
     )
 

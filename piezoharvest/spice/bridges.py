@@ -124,7 +124,12 @@ def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCi
     capacitance = deck.parameter("capacitance_smoothing", shunt.smoothing_capacitance)
     for name, nodes, sign in capacitors:
         voltage = 0.5 * (point.initial("dc") + sign * point.initial("difference"))
-        deck.add(f"Csmoothing{name} {nodes} {capacitance} IC={number(voltage)}")
+        plus, minus = nodes.split()
+        if shunt.smoothing_resistance:
+            resistance = deck.parameter("resistance_smoothing", shunt.smoothing_resistance)
+            deck.add(f"Rsmoothing{name} {plus} inside_{name} {resistance}")
+            plus = f"inside_{name}"
+        deck.add(f"Csmoothing{name} {plus} {minus} {capacitance} IC={number(voltage)}")
     if shunt.dc_leakage:
         deck.add("Rleak upper lower", 1 / shunt.dc_leakage)
     return _write_loads(deck, shunt, point, ("upper", "lower"))

@@ -11,6 +11,8 @@ from piezoharvest.description.shunts.cold_start import StartedSwitch
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
+from piezoharvest.spice.controllers.adaptive import write_adaptive_rl
+from piezoharvest.spice.controllers.sampled import write_digital
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.stages import (
@@ -326,6 +328,8 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "sc_sece": write_sc_sece,
     "dssh": write_dssh,
     "op_amp_negative_capacitance": _op_amp,
+    "adaptive_rl": write_adaptive_rl,
+    "digital": write_digital,
     "essh": write_essh,
     "ssds": _ssds,
     "ssdi": _ssdi,

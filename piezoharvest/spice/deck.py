@@ -1,8 +1,8 @@
 """Lines of a netlist, in the subset of the language common to ngspice and LTspice.
 
-In common are R, C, L, D, T, V, E, G and H elements, subcircuits, parameters in braces, and B sources written with
-+ - * / and the functions abs, exp, max, min, sin and sqrt. Avoided because they differ: powers (^ is an exclusive or in
-LTspice), the ternary operator, limit(), expressions in .meas, further properties of an inductor.
+In common are R, C, L, D, T, V, E, F, G and H elements, subcircuits, parameters in braces, and B sources written with
++ - * / and the functions abs, exp, floor, max, min, sin and sqrt. Avoided because they differ: powers (^ is an
+exclusive or in LTspice), the ternary operator, limit(), expressions in .meas, further properties of an inductor.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def export_spice(
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
     start : str
         "steady": in the engine's periodic steady state, where there is one that a motion from rest comes to. "rest":
-        from rest; so do a non-periodic excitation and a store that feeds a supply begin.
+        from rest; so do a non-periodic excitation, a store that feeds a supply and a clock begin.
     dc_start : float
         Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run. Zero: that
         of the shunt.
@@ -102,7 +102,9 @@ def export_spice(
     # What hysteresis and effects hold at the transducer's own electrodes is not known of a start elsewhere.
     known = not (shunt.electrode and (transducer.hysteresis or transducer.effects))
     supplies = any(getattr(shunt, name, None) is not None for name in ("storage", "start_voltage"))
-    begin = steady_start(system, excitation) if start == "steady" and known and not supplies else None
+    begin = (
+        steady_start(system, excitation) if start == "steady" and known and not supplies and not shunt.sampled else None
+    )
     shunt = settled(connected(system), excitation).shunt
     dc_start = dc_start or getattr(shunt, "initial_dc_voltage", None) or 0.0
     point = estimate_operating_point(System(transducer, shunt), excitation, dc_start, begin)

@@ -54,6 +54,13 @@ GIVEN = {
     "mppt": {"fraction": 0.4, "sampling_duty": 0.1},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
+    # Begins off the electrical resonance; of currents of 0.1 mA.
+    "adaptive_rl": {
+        "inductance": 1.1 * IMPEDANCE / OMEGA,
+        "resistance": 0.3 * IMPEDANCE,
+        "adaptation_rate": 0.003 * OMEGA / 1e-8,
+        "averaging_time": 3 / DRIVE["frequency"],
+    },
     # A series RL circuit at 200 samples a period.
     "digital": {
         "numerator": (1.0,),
@@ -68,6 +75,12 @@ GIVEN = {
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
+ESR = {
+    "dc_voltage": None,
+    "smoothing_capacitance": 24e-9,
+    "load_resistance": IMPEDANCE,
+    "smoothing_resistance": 3e4,
+}
 STORAGE = Storage(turn_on=0.5, turn_off=0.3, power=1e-6, efficiency=0.9, max_voltage=1.2)
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
@@ -86,11 +99,19 @@ VARIANTS = {
     "doubler": [
         {"diode_drop": 0.2, **LEAKING},
         {"diode_drop": 0.2, "diode_resistance": 3e3},
+        {**ESR, "diode_drop": 0.2},
     ],
-    "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
+    "half_wave": [
+        {"diode_drop": 0.2, **LEAKING},
+        {"diode_drop": 0.2, "diode_resistance": 3e3},
+        {**ESR, **LEAKING, "diode_drop": 0.2},
+    ],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
     "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, **LEAKING}],
-    "self_powered_series_sshi": [{"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0}],
+    "self_powered_series_sshi": [
+        {**ESR, "diode_drop": 0.05},
+        {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0},
+    ],
     "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7}],
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
@@ -131,6 +152,7 @@ VARIANTS = {
         }
     ],
     "digital": [{"delay": 0.0065 / DRIVE["frequency"]}],
+    "adaptive_rl": [{"topology": "parallel", "resistance": 3 * IMPEDANCE}],
     "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
 }
 

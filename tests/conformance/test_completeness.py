@@ -12,7 +12,7 @@ EFFECTS = [cls for cls in effects.registered().values() if cls.__module__.starts
 # Without a circuit on the bench: active circuits, a netlist, whose equations only the netlist itself has, and a
 # tracker, which takes its voltage from an excitation that a circuit there does not see; switches there are timed, while
 # breakers find their own time.
-NOT_ON_THE_BENCH = {"digital", "negative_capacitance", "network", "spice", "mppt", "op_amp_negative_capacitance"} | {
+NOT_ON_THE_BENCH = {"negative_capacitance", "network", "spice", "mppt", "op_amp_negative_capacitance"} | {
     f"self_powered_{kind}" for kind in ("sshi", "series_sshi", "sece", "ssdi")
 }
 

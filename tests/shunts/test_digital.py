@@ -1,21 +1,26 @@
 """Synthetic impedances: the engine against an independent recursion, stability against closed forms."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from messages import is_sentence
+from oracles.ngspice import needs_ngspice, run_netlist
 from scipy.linalg import expm
 from scipy.signal import bilinear
 from studies import BENCH, DRIVE
 
-from piezoharvest import simulate, simulate_many
+from piezoharvest import design, simulate, simulate_many
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Digital, Resistor, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Transducer
 from piezoharvest.linear import anticipating, frequency_response, poles, sampled_loop, stability_limit
+from piezoharvest.spice import export_spice
+from piezoharvest.study import study_from
 
 DEVICE = Transducer(**BENCH)
 SINE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
@@ -83,6 +88,18 @@ def test_agrees_with_a_recursion(changes):
     found = response.waveforms
     wanted = recursion(shunt, found.time[1:])
     assert found.displacement[1:] == pytest.approx(wanted, abs=1e-9 * np.max(np.abs(wanted)))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"delay": 1.3 * RL.sample_time, "resolution": 0.05}, {"saturation": 2e-5}],
+    ids=["late and coarse", "weak"],
+)
+def test_bench_has_the_same_recursion(changes):
+    shunt, times = dataclasses.replace(RL, **changes), np.arange(81) * PERIOD / 10
+    model = Model(DEVICE, CIRCUITS[shunt.kind](shunt), base=False)
+    found, wanted = integrate(model, SINE, times), recursion(shunt, times[1:])
+    assert found.displacement[1:] == pytest.approx(wanted, abs=1e-7 * np.max(np.abs(wanted)))
 
 
 def test_tends_to_the_circuit_that_it_stands_for():
@@ -186,3 +203,42 @@ def test_a_clock_too_slow_for_the_drive_is_refused():
     slow = Digital(numerator=(1e-5,), denominator=(1.0,), sample_time=0.6 / 50.6)
     with pytest.raises(ParameterError, match=r"sample_time: found 0\.0118577 s, must be less than half a period"):
         simulate(System(DEVICE, slow), SineForce(amplitude=0.02, frequency=50.6))
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        pytest.param({"delay": 1.3 * RL.sample_time}, marks=pytest.mark.slow),
+        pytest.param({"delay": 2.0 * RL.sample_time, "resolution": 0.05}, marks=pytest.mark.slow),
+        pytest.param({"delay": 0.7 * RL.sample_time, "saturation": 2e-5}, marks=pytest.mark.slow),
+        pytest.param(
+            {"numerator": (2e-8, 0.0), "denominator": (2e-8 * 500.0, 2e-8 * 2e4, 1.0)}, marks=pytest.mark.slow
+        ),
+    ],
+    ids=["plain", "late", "coarse", "weak", "second order"],
+)
+def test_netlist_samples_and_holds(changes):
+    """From rest, over 20 periods; two of these loops are unstable, and their differences grow with them."""
+    shunt, periods = dataclasses.replace(RL, **changes), 20
+    found = simulate(System(DEVICE, shunt), SINE, transient=periods * PERIOD, attenuation=False)
+    text = export_spice(DEVICE, shunt, SINE, periods=periods, measured_periods=periods)
+    wanted = run_netlist(text, timeout=300)
+    assert found.mechanical_power == pytest.approx(wanted["mechanical_power"], rel=0.01)
+    assert 2 * found.displacement_amplitude == pytest.approx(wanted["displacement_pp"], rel=0.01)
+    assert 2 * found.voltage_amplitude == pytest.approx(wanted["voltage_pp"], rel=0.01)
+
+
+def test_design_tunes_its_coefficients():
+    """To more damping than as given; there is no gradient, and the result says how it was found."""
+    shunt = {"kind": "digital", "numerator": [1.0], "denominator": [247.0, 4e4], "sample_time": PERIOD / 100}
+    study = {
+        "transducer": {**BENCH, "damping": 0.6}, "excitation": DRIVE, "shunts": [shunt],
+        "design": {"objective": "damping", "candidates": ["digital"]},
+    }  # fmt: skip
+    found = design(study_from(study, Path("study.toml"))).candidates[0]
+    plain = Digital(numerator=(1.0,), denominator=(247.0, 4e4), sample_time=PERIOD / 100)
+    given = simulate(System(Transducer(**study["transducer"]), plain), SINE)
+    assert "simplex search" in found.method
+    assert found.attenuation_db < given.attenuation_db - 3.0

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from messages import is_sentence
+from oracles.ngspice import needs_ngspice
 from studies import BENCH
 
 from piezoharvest import (
@@ -13,8 +14,10 @@ from piezoharvest import (
     SSHC,
     Battery,
     Doubler,
+    HalfWave,
     ParallelSSHI,
     Rectifier,
+    SelfPoweredSeriesSSHI,
     SineForce,
     System,
     Transducer,
@@ -22,6 +25,7 @@ from piezoharvest import (
     simulate,
 )
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.spice.simulators.comparison import compare
 
 DEVICE = Transducer(**BENCH)
 STILL, DRIVE = (SineForce(amplitude=force, frequency=50.6) for force in (0.0, 0.02))
@@ -57,6 +61,29 @@ def test_large_capacitor_with_a_resistance_is_a_battery_with_one():
         assert getattr(found, name) == pytest.approx(getattr(same, name), rel=1e-6)
 
 
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        HalfWave(**DC, smoothing_resistance=1e5, diode_drop=0.3, diode_leakage=1e-7),
+        HalfWave(**DC, smoothing_resistance=1e5),
+        Doubler(**DC, smoothing_resistance=1e5, diode_drop=0.3, dc_leakage=1e-6),
+        SelfPoweredSeriesSSHI(
+            **DC, **LOOP, smoothing_resistance=2e4, envelope_capacitance=1e-9, threshold=0.6, diode_drop=0.2
+        ),
+    ],
+    ids=["half wave, leaking", "half wave", "doubler", "series breakers"],
+)
+def test_capacitor_with_a_resistance_against_ngspice(shunt):
+    figures, trusted = compare(System(DEVICE, shunt), DRIVE)
+    plain = steady(dataclasses.replace(shunt, smoothing_resistance=0.0))
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure
+    assert abs(figures[0].engine / plain.harvested_power - 1) > 0.02  # it counts
+
+
 @pytest.mark.parametrize(
     "shunt, actions",
     [
@@ -88,7 +115,7 @@ def test_switch_that_does_not_act_takes_nothing():
     "build",
     [
         lambda: Rectifier(dc_voltage=1.0, smoothing_resistance=1.0),
-        lambda: Doubler(**DC, smoothing_resistance=1.0),
+        lambda: Doubler(**DC, smoothing_resistance=1.0, diode_leakage=1e-9),
     ],
 )
 def test_resistance_without_its_capacitor_is_refused(build):

@@ -107,8 +107,7 @@ class Integrator:
             if self.trials <= 0:
                 most = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
                 raise SolverError(f"more than {most} steps, on the way to {end:.9g} s: too many events, or too fast")
-            switch = self.model.circuit.switch
-            until = min(end, switch.due) if switch else end
+            until = min(end, self.model.circuit.due)
             if until < end:
                 self.even = False
             if until - self.t > self.least:
@@ -120,21 +119,22 @@ class Integrator:
     def _length(self, interval: int, left: float) -> float:
         """Length of the next step: a binary fraction of the interval, or of its rest after an event.
 
-        With a switch, which has many events, all that fits is a fraction of the interval, whose matrices are kept, and
-        the rest is one step.
+        With a switch or a clock, whose events are many, all that fits is a fraction of the interval, whose matrices are
+        kept, and the rest is one step.
         """
-        if self.model.circuit.switch and not self.even and left <= self.h:
+        if self.model.circuit.timed and not self.even and left <= self.h:
             return left
-        binary = self.even or self.model.circuit.switch is not None
+        binary = self.even or self.model.circuit.timed
         whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if binary else left
         self.kept = binary
         fits = min(left, self.h) * (1.0 + 1e-6)
         return whole if whole <= fits else whole / 2 ** math.ceil(math.log2(whole / fits))
 
     def _act(self, interval: int) -> None:
-        """Let the switch act at this instant."""
+        """Let the circuit act at this instant."""
         self.events += 1
         model = self.model
+        self._moment()  # which the circuit watches
         if model.circuit.act(self.y[model.own_rows.stop :]):
             model.discharge(self.t, self.y)
         model.tie(self.t, self.y)

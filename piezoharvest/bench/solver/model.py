@@ -105,7 +105,7 @@ class Model:
         self.coupling_rate = self.quadratic_coupling = 0.0
         self.sensed: Term = self.displacement
         self.reading: int | None = None
-        self.smooth = False
+        self.smooth = circuit.smooth
 
     def add_state(self, storage: float, rate: Term, at_rest: Term) -> int:
         """Add a state whose energy is about storage z^2/2; return its row."""
@@ -161,9 +161,10 @@ class Model:
         m.v_t, softness = self.dielectric(m.q - strain_charge - sum(y[row] for row in self.slow_charges))
         slope, level = _line(self.weights, self.stops)
         m.v, m.elastance = m.v_t + slope * m.q + level, softness + slope
+        self.circuit.voltage = m.v
         for row, rate in enumerate(self.own_rates, own.start):
             rates[row] = rate(m)
-        m.turning = (self.coupling * m.u).sum(axis=0)  # what a switch watches
+        m.turning = self.circuit.turning = (self.coupling * m.u).sum(axis=0)  # what a switch watches
         m.drawn = sum(term(m) for term in self.drawn)
         free = -softness * (strain_current + sum(rates[row] for row in self.slow_charges)) - m.elastance * m.drawn
         m.i, circuit_rates = self.circuit.flow(y[own.stop :], m.v, free, m.elastance)

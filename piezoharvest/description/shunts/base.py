@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from piezoharvest.description.circuit import Assignment, Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.parameters import Component, ParameterError, described
@@ -29,6 +29,11 @@ class Shunt(Component):
     kind: ClassVar[str]
     source: ClassVar[str]
     mirrors: ClassVar[bool] = True  # swapped leads make no difference
+    shorts: ClassVar[bool] = False  # it holds the electrode voltage at zero
+    sampled: ClassVar[bool] = False  # a controller acts at samples, with whose loop `linear.sampled` deals
+    tracks: ClassVar[bool] = False  # it is at work as `tracked`, by the voltage of open electrodes
+    unrecorded: ClassVar[str] = ""  # why no measured record may have it, in words
+    multiplied: ClassVar[tuple[str, ...]] = ()  # names of products of two rows, which its equations have among z
 
     electrode: int = described("number of the electrodes at which it is; 0 are the transducer's own", default=0)
     others: tuple[Shunt, ...] = described(
@@ -79,6 +84,13 @@ class Shunt(Component):
         """
         raise NotImplementedError
 
+    def factors(self, port: Port, z: SimpleNamespace) -> Mapping[str, tuple[Row, Row]]:
+        """Both factors of each product that `multiplied` names, over voltages, states and earlier products.
+
+        Between events the circuit is then not linear, and the engine goes by steps of a controlled error.
+        """
+        return {}
+
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         """Power by destination: "harvested", "shunt_loss", or "source" for the power of an active part."""
         return {}
@@ -119,6 +131,23 @@ class Shunt(Component):
     def assignments(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Assignment]:
         """What a clocked controller sets, one after the other, at the end of its time in a configuration."""
         return ()
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """Keys, or places in lists as "numerator.0", that a design tunes where circuits of its class have none."""
+        return ()
+
+    def tracked(self, open_voltage: Any) -> Self:
+        """The circuit where the peak of the open electrodes' voltage is `open_voltage` (V)."""
+        return self
+
+    def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
+        """Figures that a response has of this circuit, by their names there, from its states at the end of a run."""
+        return {}
+
+    def remark(self, events: Collection[str]) -> str:
+        """What a user has to know of a run in which there were these events, or nothing."""
+        return ""
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the dc side, V; zero if there is none."""

@@ -40,7 +40,6 @@ class Bridge(Shunt):
     """
 
     diodes: ClassVar[int] = 2
-    resistive: ClassVar[bool] = True  # the smoothing capacitor may have a series resistance
     gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
 
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
@@ -75,9 +74,7 @@ class Bridge(Shunt):
 
     def _check_smoothing_resistance(self) -> None:
         why = None
-        if not self.resistive:
-            why = f"but {self.kind} is described without it"
-        elif self.smoothing_capacitance is None:
+        if self.smoothing_capacitance is None:
             why = "but belongs to a smoothing_capacitance"
         elif self.storage is not None:
             why = "beside a table storage, whose supply is described at the capacitor itself"
@@ -137,18 +134,22 @@ class Bridge(Shunt):
         """What is left of a voltage or a current behind the series resistance of the smoothing capacitor."""
         if not np.any(self.smoothing_resistance):
             return what
-        return what / (1.0 + self.smoothing_resistance * self._all_conductance)
+        return what / (1.0 + self.dc_resistance * self._all_conductance)
 
     def terminal(self, rectified: Row, port: Port, z: SimpleNamespace) -> Row:
         """Voltage across the load: that of the smoothing capacitor with what its series resistance adds."""
         if not np.any(self.smoothing_resistance):
             return self.dc_side(port, z)
-        return self._divided(self.dc_side(port, z) + self.smoothing_resistance * rectified)
+        return self._divided(self.dc_side(port, z) + self.dc_resistance * rectified)
 
     @property
-    def conducting_resistance(self) -> Any:
-        """Resistance between the leads and the smoothing capacitor while diodes conduct, ohm."""
-        return self.path_resistance + self._divided(self.smoothing_resistance)
+    def dc_resistance(self) -> Any:
+        """Resistance in series with the capacitance across the whole dc side, ohm."""
+        return self.smoothing_resistance
+
+    def resistance(self, sign: int) -> Any:
+        """Resistance between the leads and what `level` is of while diodes of this sign conduct, ohm."""
+        return self.path_resistance + self._divided(self.dc_resistance)
 
     @property
     def dc_conductance(self) -> Any:
@@ -188,10 +189,11 @@ class Bridge(Shunt):
         Without one it is the derivative of the excess, which the guard has left at zero.
         """
         held = port.dv - sign * self.level_rate(sign, port, dz)
-        resistive = np.real(self.conducting_resistance) > 0
+        resistance = self.resistance(sign)
+        resistive = np.real(resistance) > 0
         if not np.any(resistive):
             return held
-        return np.where(resistive, self.excess(sign, port, z) - self.conducting_resistance * rectified, held)
+        return np.where(resistive, self.excess(sign, port, z) - resistance * rectified, held)
 
     def excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Electrode voltage in excess of the threshold at which the diodes of one sign conduct."""
@@ -200,15 +202,19 @@ class Bridge(Shunt):
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into what lies behind the diodes and in them, from the `rectified` current."""
         dc = self.terminal(rectified, port, z)
-        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc)]
+        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc), *self.capacitor_loss(rectified, z)]
         if self.load_resistance is not None:
             harvested = [Product(1.0 / self.load_resistance, dc, dc)]
         else:
             harvested = [] if self.storage is not None else [Product(1.0, dc, rectified)]
-        if np.any(self.smoothing_resistance):
-            charging = self._divided(rectified - self._all_conductance * z.dc)
-            lost.append(Product(self.smoothing_resistance, charging, charging))
         return {"harvested": harvested, "shunt_loss": lost}
+
+    def capacitor_loss(self, rectified: Row, z: SimpleNamespace) -> list[Product]:
+        """Power in the series resistance of the smoothing capacitor."""
+        if not np.any(self.smoothing_resistance):
+            return []
+        charging = self._divided(rectified - self._all_conductance * z.dc)
+        return [Product(self.dc_resistance, charging, charging)]
 
     def dc_loss(self, dc: Row) -> list[Product]:
         """Power of what discharges the smoothing capacitor beside the load, at the voltage `dc` of that."""

@@ -44,7 +44,9 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
     def merit(p: np.ndarray) -> float:
         return trial.merit(shunt_at(p))
 
-    if region is None or len(p) == 1:
+    if region is None and len(p) > 1:
+        p, method = simplex(merit, p), "simplex search on the engine"
+    elif region is None or len(p) == 1:
         width = _WIDTH if trial.view.operation.apart else _ROUGH_WIDTH
         p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search on the engine"
     else:

@@ -11,18 +11,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED, SmoothElement
+from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
 
 
-def influences(
-    elements: Sequence[SmoothElement], direct: np.ndarray, by_state: np.ndarray, by_output: np.ndarray
-) -> np.ndarray:
+def influences(powers: Sequence[int], direct: np.ndarray, by_state: np.ndarray, by_output: np.ndarray) -> np.ndarray:
     """Largest influence of each element's output on the motion, directly or through the elements behind it.
 
     Parameters
     ----------
-    elements : sequence of SmoothElement
-        In their order: an input is that of an earlier one.
+    powers : sequence of int
+        Of the elements, as of `SmoothElement`, in their order: an input is that of an earlier one.
     direct : (..., e) array
         Influence on the equations of motion of a unit of each output.
     by_state : (..., e, 2) array
@@ -36,14 +34,14 @@ def influences(
         As `direct`, where that is not zero.
     """
     sizes, slopes = np.zeros_like(direct), np.zeros_like(by_state)
-    for k, element in enumerate(elements):
+    for k, power in enumerate(powers):
         first, second = np.moveaxis(
             by_state[..., k, :] + np.sum(by_output[..., k, :, :] * sizes[..., None, :], -1), -1, 0
         )
-        sizes[..., k], slopes[..., k, 0] = _output(element.power, first, second)
-        slopes[..., k, 1] = first if element.power == PRODUCT else 0.0
+        sizes[..., k], slopes[..., k, 0] = _output(power, first, second)
+        slopes[..., k, 1] = first if power == PRODUCT else 0.0
     found = direct.copy()
-    for k in reversed(range(len(elements))):
+    for k in reversed(range(len(powers))):
         found += found[..., k, None] * np.sum(slopes[..., k, :, None] * by_output[..., k, :, :], axis=-2)
     return np.where(direct > 0.0, direct, found)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -12,8 +13,8 @@ from piezoharvest.description.system import System
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.equations.circuits import circuit_states
 from piezoharvest.equations.laws import hysteresis_voltage
-from piezoharvest.equations.rows import device
-from piezoharvest.equations.terms import Rows, Terms, state_names
+from piezoharvest.equations.rows import device, own_rows
+from piezoharvest.equations.terms import PRODUCT, Rows, Terms, state_names
 
 
 def scalar(value) -> np.ndarray:
@@ -74,14 +75,16 @@ class Layout:
         self.names += [state.name for state in terms.states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
-        self.signal = pg.DERIVATIVES * len(terms.elements)  # where it begins in the exogenous states
+        own_products = shunt.multiplied
+        self.powers = [*(element.power for element in terms.elements), *[PRODUCT] * len(own_products)]
+        self.signal = pg.DERIVATIVES * len(self.powers)  # where it begins in the exogenous states
         self.exogenous = self.signal + (2 * signal.frequencies.shape[-1] if isinstance(signal, Tones) else 2) + 1
         self.width = 2 * self.n + self.exogenous
         eye = np.eye(self.width)
         self.z = dict(zip(self.names, eye[: self.n], strict=True))
         self.dz = dict(zip(self.names, eye[self.n : 2 * self.n], strict=True))
         self.exo, self.one = eye[2 * self.n :], eye[-1]
-        names = [element.name for element in terms.elements]
+        names = [*(element.name for element in terms.elements), *own_products]
         own = (self.exo[d : self.signal : pg.DERIVATIVES] for d in range(2))
         self.smooth, self.smooth_rates = (dict(zip(names, rows, strict=True)) for rows in own)
 
@@ -101,7 +104,7 @@ class Physics:
     """Rows of the transducer, common to all configurations of the shunt."""
 
     def __init__(self, system: System, excitation: Excitation, layout: Layout, signal: Tones | Ramps):
-        self.transducer, self.layout = system.transducer, layout
+        self.transducer, self.shunt, self.layout = system.transducer, system.shunt, layout
         z, dz = layout.z, layout.dz
         drive = _drive(layout, signal)
         self.v_h, dv_h = self._hysteresis(z), self._hysteresis(dz)
@@ -110,7 +113,7 @@ class Physics:
         self.device = device(layout.terms, rows, rates, drive, layout.one, hysteresis, *kind)
         self.motion, self.ports = self.device.motion, self.device.ports
         self.port = self.ports[system.shunt.electrode]
-        self.strain_current = self.ports.strain_currents[system.shunt.electrode]
+        self.strain_current = self.port.strain_current
         self.drive = self.motion.drive
 
     def _hysteresis(self, rows: Rows) -> Row:
@@ -123,6 +126,23 @@ class Physics:
         """Residuals in the order of the states; the stops' rows are placeholders that each mode completes."""
         stops = [self.layout.dz[self.layout.names[k]] for k in self.layout.stop_states]
         return [*self.motion.equations, *of_ports, *stops, *self.device.equations]
+
+    def circuit_rows(self) -> tuple[SimpleNamespace, SimpleNamespace]:
+        """Rows of the shunt's states, among them its products, and of their rates."""
+        layout = self.layout
+        z, dz = (own_rows(rows, "", layout.shunt_states) for rows in (layout.z, layout.dz))
+        for name in self.shunt.multiplied:
+            setattr(z, name, layout.smooth[name])
+        return z, dz
+
+    def inputs(self) -> np.ndarray:
+        """Rows of the inputs of the smooth elements, two for each."""
+        pairs = [
+            (self.device.placing.row(e.first), self.device.placing.row(e.second)) for e in self.layout.terms.elements
+        ]
+        factors = self.shunt.factors(self.port, self.circuit_rows()[0])
+        pairs += [factors[name] for name in self.shunt.multiplied]
+        return rows_of([row for pair in pairs for row in pair], self.layout.width)
 
     def products(self) -> list[tuple[int, Product]]:
         """Powers that do not depend on the configuration, with their categories."""

@@ -13,18 +13,16 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.cold_start import with_start
-from piezoharvest.description.shunts.harvesting.mppt import MPPT
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
-from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
+from piezoharvest.engine.lowering.equilibrium import equilibrium
 from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.work_limit import Budget
 from piezoharvest.equations.circuits import circuit_equations, circuit_powers
-from piezoharvest.equations.rows import connected, own_rows
+from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
 
 IDLE_SCALE = 1e30  # scale of a smooth element without influence
@@ -72,7 +70,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     layout = Layout(system, terms, signal, preloaded=bool(np.any(excitation.rest)))
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.electrode.capacitance
-    z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
+    z, dz = physics.circuit_rows()
     names = shunt.configurations()
     tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[], assignments=[])
     for name in names:
@@ -113,11 +111,11 @@ def settled(system: System, excitation: Excitation) -> System:
     ParameterError
         There is a tracker, and the excitation is not one sine.
     """
-    if not isinstance(system.shunt, MPPT):
+    if not system.shunt.tracks:
         return system
     if excitation.size is None:
-        message = f"found mppt under {excitation.kind}, but a tracker of the open-circuit voltage needs one sine"
-        raise ParameterError("kind", message)
+        found = f"found {system.shunt.kind} under {excitation.kind}"
+        raise ParameterError("kind", f"{found}, but a tracker of the open-circuit voltage needs one sine")
     opened = lower(system.opened, excitation)
     return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
 
@@ -300,7 +298,7 @@ def _switching(
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": np.array([name in {"current", *recovered} for name in layout.names]),
         "mirror": np.array([index[shunt.mirrored(c)] if shunt.mirrors else -1 for c in index]),
-        "shorted": isinstance(shunt, Short),
+        "shorted": shunt.shorts,
     }
 
 
@@ -348,8 +346,8 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
 
 def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
     """Tables of the smooth elements: their inputs as rows over the state, and their kinds."""
-    powers = [element.power for element in layout.terms.elements]
-    over_state, over_rate = columns.split(inputs_of(layout, physics), 1)
+    powers = layout.powers
+    over_state, over_rate = columns.split(physics.inputs(), 1)
     if np.any(over_rate):
         raise ParameterError("transducer.effects", "found a power of a current, allowed are powers of states and v_t")
     shape = (*over_state.shape[:-2], len(powers), 2, over_state.shape[-1])
@@ -414,7 +412,7 @@ def _exo_scale(layout: Layout, equations, scale, signal: Tones | Ramps, physics:
     direct = np.maximum(size[..., 0 : at : pg.DERIVATIVES], size[..., 1 : at : pg.DERIVATIVES] * resonance)
     if np.any(direct == 0.0):
         level = _drive_level(found, at, signal)[..., None]
-        direct = influences(layout.terms.elements, direct, *_input_sizes(layout, physics, np.real(scale) * level))
+        direct = influences(layout.powers, direct, *_input_sizes(layout, physics, np.real(scale) * level))
     values = np.where(direct > 0, resonance / np.where(direct > 0, direct, 1.0), IDLE_SCALE)
     for j in range(direct.shape[-1]):
         k = pg.DERIVATIVES * j
@@ -431,7 +429,7 @@ def _drive_level(exo_scale: np.ndarray, at: int, signal: Tones | Ramps) -> np.nd
 
 def _input_sizes(layout: Layout, physics: Physics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sizes of the inputs of smooth elements at states of these sizes (..., n), and their coefficients of outputs."""
-    rows, n = np.abs(np.real(inputs_of(layout, physics))), layout.n
+    rows, n = np.abs(np.real(physics.inputs())), layout.n
     rows = rows.reshape(*rows.shape[:-2], -1, 2, layout.width)
     outputs = rows[..., 2 * n : 2 * n + layout.signal : pg.DERIVATIVES]
     known = np.sum(rows[..., :n] * states[..., None, None, :], axis=-1) + rows[..., 2 * n + layout.signal :].sum(

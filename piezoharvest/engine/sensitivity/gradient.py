@@ -82,6 +82,8 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
         raise NoGradientError(f"{excitation.kind} has no period")
     if Terms(system.transducer).elements:
         raise NoGradientError("the transducer has effects that are nonlinear between events")
+    if system.shunt.multiplied:
+        raise NoGradientError(f"{system.shunt.kind} is nonlinear between events")
     switch = system.shunt.switch(system.electrode.capacitance, excitation.period)
     if switch is not None and switch.clocked:
         raise NoGradientError(f"{system.shunt.kind} has a clock of its own")

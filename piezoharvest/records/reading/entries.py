@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity
-from piezoharvest.description.shunts import MPPT, Digital, Resistor, Shunt
+from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
 from piezoharvest.study import build, build_shunt
 
@@ -95,12 +95,8 @@ class _EntryWithShunt(_Entry):
         if self.shunt is not None:
             made = isinstance(self.shunt, Shunt)  # of a campaign that is made in Python
             shunt = self.shunt if made else build_shunt(self._table, f"{where}.shunt")
-            if isinstance(shunt, Digital):
-                found = "found 'digital', whose clock no record shows"
-                raise ParameterError(f"{where}.shunt.kind", f"{found}, allowed are circuits without a controller")
-            if isinstance(shunt, MPPT):
-                found = "found 'mppt', which takes its voltage from the excitation of a study"
-                raise ParameterError(f"{where}.shunt.kind", f"{found}; a record takes a rectifier with dc_voltage")
+            if shunt.unrecorded:
+                raise ParameterError(f"{where}.shunt.kind", f"found {shunt.kind!r}, {shunt.unrecorded}")
             if shunt.taken != (0,):
                 found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
                 raise ParameterError(f"{where}.shunt", f"{found}, allowed in a record is one at electrode 0")

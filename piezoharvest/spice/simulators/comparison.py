@@ -12,7 +12,7 @@ from piezoharvest.spice.simulators.ngspice import run_netlist
 
 # The netlist begins where the engine says that the steady state is: were it elsewhere, so many periods would show it.
 PERIODS = 20
-# Of a store that feeds a supply, which has no steady state: both begin at rest.
+# Of a store that feeds a supply, which has no steady state, and of a clock, which a netlist begins: both are at rest.
 STORE_PERIODS = 100
 # Differences below this share of the largest value of their kind are rounding: 0 W against 1e-20 W.
 NOTHING = 1e-9
@@ -55,8 +55,10 @@ def compare(
     """
     period, transient = excitation.period, None
     window: dict[str, Any] = {}
-    stores = any(getattr(system.shunt, name, None) is not None for name in ("storage", "start_voltage"))
-    if period is not None and stores:
+    from_rest = system.shunt.sampled or any(
+        getattr(system.shunt, name, None) is not None for name in ("storage", "start_voltage")
+    )
+    if period is not None and from_rest:
         transient, window = STORE_PERIODS * period, {"periods": STORE_PERIODS, "measured_periods": STORE_PERIODS}
     elif period is not None and diodes is None:
         window = {"periods": PERIODS}

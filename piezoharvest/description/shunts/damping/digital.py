@@ -38,6 +38,8 @@ class Digital(Shunt):
         "J. Intell. Mater. Syst. Struct. 33(16), 2022"
     )
     mirrors: ClassVar[bool] = False  # its clock does not
+    sampled: ClassVar[bool] = True
+    unrecorded: ClassVar[str] = "whose clock no record shows, allowed are circuits without a controller"
 
     numerator: tuple[float, ...] = quantity("", "of the admittance in S, highest power of s (1/s) first")
     denominator: tuple[float, ...] = quantity("", "of the admittance, highest power of s (1/s) first")
@@ -61,6 +63,12 @@ class Digital(Shunt):
             raise ParameterError("denominator", "found a zero at 2/sample_time, where no filter has one")
         if np.any(np.real(self.delay) > MOST_DELAYS * np.real(self.sample_time)):
             raise ParameterError("delay", f"found {self.delay} s, must be at most {MOST_DELAYS} sample times")
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """Coefficients above zero, but for the first of the denominator, to which they are relative."""
+        above = [f"numerator.{k}" for k, value in enumerate(self.numerator) if value > 0]
+        return (*above, *(f"denominator.{k}" for k, value in enumerate(self.denominator) if k and value > 0))
 
     def _polynomial(self, coefficients: tuple[float, ...]) -> list[Any]:
         """Coefficients in z, highest power first, of p(2/T (z - 1)/(z + 1)) (z + 1)^n."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.bridge import sign_of
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
@@ -17,13 +18,18 @@ class Doubler(Rectifier):
     """Two diodes and two capacitors in series, whose midpoint is one lead; each capacitor is `smoothing_capacitance`.
 
     The dc side is both together, with twice the voltage of a bridge and a best load of four times that of one. A
-    constant `dc_voltage` lies halves on both. The states are the sum and the difference of the two voltages.
+    constant `dc_voltage` lies halves on both. The states are the sum and the difference of the two voltages. Each
+    capacitor has the `smoothing_resistance`.
+
+    Raises
+    ------
+    ParameterError
+        Diodes leak beside a smoothing resistance, with which no formula is written here.
     """
 
     kind: ClassVar[str] = "doubler"
     source: ClassVar[str] = "Greinacher, Z. Phys. 4(2), 195-205, 1921; Delon, L'Eclairage Electrique, 1908"
     diodes: ClassVar[int] = 1
-    resistive: ClassVar[bool] = False
     gain: ClassVar[float] = 2.0
 
     @property
@@ -34,14 +40,33 @@ class Doubler(Rectifier):
     def dc_conductance(self) -> Any:
         return 0.5 * self.diode_leakage + self.dc_leakage if self.dc_voltage is None else 0.0
 
+    @property
+    def dc_resistance(self) -> Any:
+        return 2.0 * self.smoothing_resistance
+
+    def _check_smoothing_resistance(self) -> None:
+        super()._check_smoothing_resistance()
+        if np.any(np.real(self.diode_leakage)):
+            found = f"found {np.max(self.smoothing_resistance):g} ohm beside a diode_leakage"
+            raise ParameterError("smoothing_resistance", f"{found}, one of the two must be 0 in a doubler")
+
     def states(self, capacitance: float) -> tuple[State, ...]:
         if self.smoothing_capacitance is None:
             return ()
         return (*self.bridge_states(), State("difference", self.dc_capacitance))
 
     def level(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
-        """Voltage of the capacitor that is charged at this sign."""
-        return 0.5 * (self.dc_side(port, z) + sign * self._difference(port, z))
+        """Voltage across the capacitor that is charged at this sign, before it is: it gives the load its current."""
+        inside = 0.5 * (self.dc_side(port, z) + sign * self._difference(port, z))
+        if not np.any(self.smoothing_resistance):
+            return inside
+        return inside - self.smoothing_resistance * self._all_conductance * self._divided(z.dc)
+
+    def resistance(self, sign: int) -> Any:
+        if not np.any(self.smoothing_resistance):
+            return self.path_resistance
+        taken = self._divided(self.smoothing_resistance * self._all_conductance)  # of a current, by the load
+        return self.path_resistance + self.smoothing_resistance * (1.0 - taken)
 
     def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
         return 0.5 * (dz.dc + sign * dz.difference) if self.dc_voltage is None else 0.0 * port.one
@@ -60,8 +85,10 @@ class Doubler(Rectifier):
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         rectified = sign_of(configuration) * self.forward(port, z)
         powers = self.bridge_powers(0.5 * rectified, port, z)
-        leaks = [*self.dc_loss(self.dc_side(port, z)), *self.leads_loss(port, z)]
-        powers["shunt_loss"] = [*self.path_loss(rectified, port), *leaks]
+        leaks = [*self.dc_loss(self.terminal(0.5 * rectified, port, z)), *self.leads_loss(port, z)]
+        powers["shunt_loss"] = [*self.path_loss(rectified, port), *leaks, *self.capacitor_loss(0.5 * rectified, z)]
+        if np.any(self.smoothing_resistance):  # beside their mean current the capacitors have half of the lead's each
+            powers["shunt_loss"].append(Product(0.25 * self.dc_resistance, port.i, port.i))
         return powers
 
     def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:

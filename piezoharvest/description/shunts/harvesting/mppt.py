@@ -31,6 +31,10 @@ class MPPT(Rectifier):
 
     kind: ClassVar[str] = "mppt"
     source: ClassVar[str] = "Esram & Chapman, IEEE Trans. Energy Convers. 22(2), 439-449, 2007, section II-C"
+    tracks: ClassVar[bool] = True
+    unrecorded: ClassVar[str] = (
+        "which takes its voltage from the excitation of a study; a record takes a rectifier with dc_voltage"
+    )
 
     fraction: float = quantity("", "dc voltage over that without a load", above=0, below=1)
     sampling_duty: float = quantity("", "share of the time taken by sampling", default=0.0, at_least=0, below=1)
@@ -50,7 +54,6 @@ class MPPT(Rectifier):
         return 0.0  # which the converter has to hold against
 
     def tracked(self, open_voltage: Any) -> Self:
-        """The circuit where the peak of the open electrodes' voltage is `open_voltage` (V)."""
         excess: Any = open_voltage - self.path_drop
         found = copy.copy(self)
         found.__dict__["dc_voltage"] = self.fraction * np.where(np.real(excess) > 0, excess, 0.0)

@@ -30,7 +30,7 @@ class SeriesSSHI(InductiveSwitch, Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        drive = sign * self.excess(sign, port, z) - self.conducting_resistance * z.current
+        drive = sign * self.excess(sign, port, z) - self.resistance(sign) * z.current
         loop = self.loop_equation(bool(sign), drive, port, z, dz)
         return [port.i - self.loop_current(bool(sign), port, z), loop, *self.dc_equations(sign * z.current, z, dz)]
 

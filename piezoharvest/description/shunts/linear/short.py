@@ -14,6 +14,7 @@ class Short(LinearShunt):
     """Electrode voltage of zero; with hysteresis the charge still loops."""
 
     kind: ClassVar[str] = "short"
+    shorts: ClassVar[bool] = True
     source: ClassVar[str] = "IEEE Std 176-1987"
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
@@ -102,6 +102,14 @@ class ElectronicBreaker(SwitchedCoil):
     def least_voltage(self) -> Any:
         """Open-circuit voltage amplitude above which a breaker passes a current, V; any store being empty."""
         return self.threshold + (1 + self.path_diodes) * self.diode_drop
+
+    def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
+        return {"least_switching_voltage": float(self.least_voltage)}
+
+    def remark(self, events: Collection[str]) -> str:
+        if "switch closes" in events:
+            return ""
+        return f"no breaker closes: they need an open-circuit voltage of {float(self.least_voltage):.4g} V at least"
 
     def breaker_states(self, capacitance: float) -> tuple[State, ...]:
         """Current of the coil, and voltages of both envelope capacitors."""

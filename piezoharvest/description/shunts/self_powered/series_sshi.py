@@ -23,14 +23,13 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
     kind: ClassVar[str] = "self_powered_series_sshi"
     source: ClassVar[str] = "Lallart & Guyomar, Smart Mater. Struct. 17(3), 035030, 2008"
     path_diodes: ClassVar[int] = 3
-    resistive: ClassVar[bool] = False
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (*self.breaker_states(capacitance), *self.bridge_states())
 
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
-        lost = self.path_resistance * sign * z.current
-        return super().path_excess(sign, port, z) - self.dc_side(port, z) - lost
+        lost = self.resistance(sign) * sign * z.current
+        return super().path_excess(sign, port, z) - self.level(sign, port, z) - lost
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         breakers = breakers_of(configuration)
@@ -39,8 +38,10 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         breakers = breakers_of(configuration)
-        powers = self.bridge_powers(breakers.sign * z.current, port, z)
+        rectified = breakers.sign * z.current
+        powers = self.bridge_powers(rectified, port, z)
         # The drops of the bridge are those of the breaker's path, too, and counted there.
-        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(self.dc_side(port, z))]
+        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(self.terminal(rectified, port, z))]
+        lost += self.capacitor_loss(rectified, z)
         powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z)]
         return powers

@@ -67,7 +67,7 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
     @property
     def _rests(self) -> bool:
         """Whether the voltage stays while the bridge conducts: nothing is left for envelope capacitors to follow."""
-        return self.dc_voltage is not None and not np.any(self.conducting_resistance)
+        return self.dc_voltage is not None and not np.any(self.resistance(1))
 
     def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
         return [] if breakers.bridge and self._rests else super().following(breakers, port, z)

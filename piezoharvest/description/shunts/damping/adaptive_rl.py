@@ -1,0 +1,123 @@
+"""Resonant shunt that tunes itself: its inductance follows the relative phase of coil current and motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import ParameterError, check_choice, described, quantity
+from piezoharvest.description.shunts.base import Shunt
+
+RANGE = 2.0  # largest inductance over that of the beginning, and that over the smallest, where none are given
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveRL(Shunt):
+    """Synthetic coil whose inductance L adapts itself, in series with a resistance or beside it, across the electrodes.
+
+    At the electrical resonance, omega^2 L C = 1, the current i of the coil is a quarter of a period away from the
+    current of the strain, sum T_i x_i': the mean of their product is zero there, and its sign tells to which side L is
+    off. With g = L_0/L, L_0 being the `inductance` at the beginning,
+
+        L_0 i' = g (voltage across the coil)      averaging_time p' = i sum T_i x_i' - p      g' = adaptation_rate p
+
+    while L is within its limits; at a limit it stays until p changes its sign. The multiplier of both signals is that
+    of the source; its filter is one of first order. As p is a square of the amplitude, so is the speed of adaptation.
+
+    What the synthetic coil takes counts as energy that a source delivers, negative; the resistance is the load.
+
+    Raises
+    ------
+    ParameterError
+        The inductance is not within its limits.
+    """
+
+    kind: ClassVar[str] = "adaptive_rl"
+    source: ClassVar[str] = (
+        "relative phase adaptation: Niederberger, Fleming, Moheimani & Morari, Smart Mater. Struct. 13, 1025-1035, 2004"
+    )
+    mirrors: ClassVar[bool] = False  # g keeps its sign
+    unrecorded: ClassVar[str] = "whose inductance no record shows, allowed are circuits without a controller"
+    multiplied: ClassVar[tuple[str, ...]] = ("beyond", "phase")
+
+    inductance: float = quantity("H", "inductance where a transient begins", above=0)
+    resistance: float = quantity("ohm", "resistance in series with the coil, or beside it", above=0)
+    adaptation_rate: float = quantity(
+        "1/(A^2 s)", "of L_0/L, for each A^2 of the product of coil current and strain current", above=0
+    )
+    averaging_time: float = quantity("s", "time constant of the filter behind the multiplier", above=0)
+    min_inductance: float | None = quantity("H", "smallest inductance; None: half of the first", default=None, above=0)
+    max_inductance: float | None = quantity("H", "largest inductance; None: twice the first", default=None, above=0)
+    topology: Literal["series", "parallel"] = described("where the resistance is", default="series")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("topology", self.topology, ("series", "parallel"))
+        least, most = (np.real(self.inductance / share) for share in reversed(self.span))
+        if np.any(np.real(self.inductance) < least) or np.any(np.real(self.inductance) > most):
+            limits = f"min_inductance ({np.max(least):g} H) to max_inductance ({np.min(most):g} H)"
+            raise ParameterError("inductance", f"found {np.max(self.inductance):g} H, must be within {limits}")
+
+    @property
+    def span(self) -> tuple[Any, Any]:
+        """Smallest and largest g = L_0/L."""
+        smallest = 1 / RANGE if self.max_inductance is None else self.inductance / self.max_inductance
+        return smallest, RANGE if self.min_inductance is None else self.inductance / self.min_inductance
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        # Sizes at which the relative rate of adaptation would be that of the filter.
+        size = 1.0 / (self.adaptation_rate * self.averaging_time)
+        energy = self.inductance * size
+        return (
+            State("current", self.inductance, stores=False),
+            State("mean", energy / size**2, odd=False, stores=False),
+            State("excess", energy, odd=False, stores=False),
+        )
+
+    def configurations(self) -> tuple[str, ...]:
+        """Adapting, or at a limit of the inductance."""
+        return ("adapting", "shortest", "longest")
+
+    def factors(self, port: Port, z: SimpleNamespace) -> Mapping[str, tuple[Row, Row]]:
+        assert port.strain_current is not None
+        return {"beyond": (z.excess, self._across(port, z)), "phase": (z.current, port.strain_current)}
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        beside = port.v / self.resistance if self.topology == "parallel" else 0.0
+        adapts = self.adaptation_rate * z.mean
+        if configuration != "adapting":
+            # From beyond the limit, where only a search tries states, it comes back to that.
+            limit = self.span[configuration == "shortest"] - 1.0
+            adapts = (limit * port.one - z.excess) / self.averaging_time
+        return [
+            port.i - z.current - beside,
+            self.inductance * dz.current - self._across(port, z) - z.beyond,
+            self.averaging_time * dz.mean - z.phase + z.mean,
+            dz.excess - adapts,
+        ]
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        if configuration != "adapting":
+            back = -z.mean if configuration == "shortest" else z.mean
+            return [Guard(back, "adapting", event="")]
+        smallest, largest = self.span
+        return [
+            Guard(z.excess - (largest - 1.0) * port.one, "shortest", event=""),
+            Guard((smallest - 1.0) * port.one - z.excess, "longest", event=""),
+        ]
+
+    def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
+        return {"adapted_inductance": float(self.inductance) / (1.0 + states["excess"])}
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        across = self._across(port, z)
+        load = port.v - across if self.topology == "series" else port.v
+        harvested = Product(1.0 / self.resistance, load, load)
+        return {"harvested": [harvested], "source": [Product(-1.0, across, z.current)]}
+
+    def _across(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage across the coil, V."""
+        return port.v - self.resistance * z.current if self.topology == "series" else port.v

@@ -1,0 +1,1 @@
+"""Shunts with a controller as netlist elements."""
