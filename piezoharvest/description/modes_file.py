@@ -94,7 +94,8 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
 
     needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
     if not path.is_file():
-        raise ParameterError(KEY, f"the file {name!r} does not exist")
+        folder = path.is_dir()
+        raise ParameterError(KEY, f"found {name!r}, which is {'a folder, not a file' if folder else 'no file here'}")
     try:
         with open_reader(path) as reader:
             wanted = needed + [column for column in ("sensor", "base") if column in reader.names]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.identify.fitting.coupling_signs import with_known_signs
@@ -305,6 +305,7 @@ def identify(
     CampaignError
         There are no records to fit, or a record cannot be predicted.
     """
+    check_kind("campaign", campaign, Campaign, 'load_campaign("campaign.toml") reads one')
     data = prepared(campaign, "fit")
     if not data:
         raise CampaignError(campaign.path, "records", 'no record has role = "fit", at least one is needed')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from piezoharvest.near_names import did_you_mean
 from piezoharvest.readers.units import Unit, stated_unit
 
 _MAX_QUOTED = 60  # characters of a file's text that a message quotes
@@ -143,13 +143,11 @@ class Reader(ABC):
         found = named or [name for name in self.names if last_part(name) == column]
         found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
-            raise ReadError(
-                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), give the number of one, counted from 1",
-                column,
-            )
+            places = " or ".join(str(n) for n, name in enumerate(self.names, start=1) if name in found)
+            twice = f"found {len(found)} columns {cut(column)!r} ({shown(found)})"
+            raise ReadError(f"{twice}, give the number of one in the place of its name: column = {places}", column)
         if not found:
-            near = difflib.get_close_matches(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names], n=1)
-            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            hint = did_you_mean(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names])
             raise MissingColumnError(
                 f"the file has no column {cut(column)!r}{hint}, its columns are {shown(self.names)}", column
             )

@@ -10,7 +10,7 @@ from piezoharvest.description.effects.circuit_value import CircuitValue, circuit
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.description.shunts import MPPT, Digital, Resistor, Shunt
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
-from piezoharvest.study import build, build_shunt
+from piezoharvest.study import build, build_shunt, unknown
 
 Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[ChannelSource, Level]]
@@ -195,7 +195,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
     found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:
-            raise ParameterError(f"{where}.{channel}", f"unknown channel, known channels are {', '.join(units)}")
+            raise unknown(f"{where}.{channel}", channel, units, "channel")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             check_unit(source.unit, units[channel], levels=channel == "magnitude")
