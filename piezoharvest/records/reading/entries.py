@@ -9,6 +9,7 @@ from typing import Any, Literal
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.description.shunts import MPPT, Digital, Resistor, Shunt
+from piezoharvest.readers.units import ratio_of
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
 from piezoharvest.study import build, build_shunt, unknown
 
@@ -212,6 +213,6 @@ def default_sources() -> Sources:
 
 def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:
     """SI unit of each quantity by which a frequency response may be given."""
-    ratio = "ohm" if isinstance(entry, ImpedanceEntry) else f"({UNITS[entry.output]})/({UNITS[entry.input]})"
+    ratio = "ohm" if isinstance(entry, ImpedanceEntry) else ratio_of(UNITS[entry.output], UNITS[entry.input])
     values = dict.fromkeys(("response", "real", "imaginary", "magnitude"), ratio)
     return {"frequency": "Hz", **values, "phase": "rad", "coherence": ""}
