@@ -53,7 +53,7 @@ _HOMES = {
     "exchange": (
         "response_record", "shunt_from", "to_frd", "to_network", "transducer_from", "two_port_from", "write_touchstone",
     ),
-    "study": ("DesignOptions", "Study", "StudyError", "load_study"),
+    "study": ("DesignOptions", "Study", "StudyError", "from_catalogue", "load_study"),
     "design": ("DesignResult", "design"),
     "specimen": ("Specimen", "load_specimen"),
     "sweep": ("sweep",),

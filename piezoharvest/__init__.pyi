@@ -115,7 +115,7 @@ from piezoharvest.linear import (
 from piezoharvest.records import Campaign, CampaignError, load_campaign
 from piezoharvest.report import write_diagnosis, write_identification, write_report
 from piezoharvest.specimen import Specimen, load_specimen
-from piezoharvest.study import DesignOptions, Study, StudyError, load_study
+from piezoharvest.study import DesignOptions, Study, StudyError, from_catalogue, load_study
 from piezoharvest.sweep import sweep
 
 __version__: str
@@ -227,6 +227,7 @@ __all__ = [
     "diagnose",
     "exponential_diode",
     "frequency_response",
+    "from_catalogue",
     "gradient",
     "identify",
     "linearize",

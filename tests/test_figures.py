@@ -134,7 +134,7 @@ class TestMaterial:
         ({"damping_ratio": 0.01}, "damping_ratio: found beside quality"),
         ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49 Hz, must be at least"),
         ({"quality": -1.0}, "quality: found -1.0, must be a finite number greater than 0"),
-        ({"capacitance_is": "fre"}, "capacitance_is: found 'fre', allowed are free, clamped"),
+        ({"capacitance_is": "fre"}, "capacitance_is: found 'fre' (did you mean 'free'?), allowed are free, clamped"),
     ],
 )
 def test_wrong_figures(changed, message):
@@ -150,11 +150,11 @@ def test_an_antiresonance_below_the_resonance_is_told_by_its_own_key():
 
 
 def test_missing_and_unknown_figures():
-    with pytest.raises(ParameterError, match="capacitance_is: missing figure, needed beside"):
+    with pytest.raises(ParameterError, match="capacitance_is: missing key, it is needed beside"):
         Transducer.from_modal(**{key: value for key, value in MODAL.items() if key != "capacitance_is"})
     with pytest.raises(ParameterError, match="datasheet: missing key, one of blocking_force"):
         Transducer.from_datasheet(mass=1.0)
-    with pytest.raises(ParameterError, match="material: found 'PZT', allowed are PZT-4"):
+    with pytest.raises(ParameterError, match=r"material: found 'PZT' \(did you mean 'PZT-8' or .*, allowed are PZT-4"):
         Transducer.from_datasheet(material="PZT")
 
 
@@ -194,7 +194,7 @@ capacitance_is = "free"
             ('"free"', '"loose"', "transducer.modal.capacitance_is: found 'loose', must be 'free' or 'clamped'"),
             ("quality", "qality", "transducer.modal.qality: unknown key (did you mean 'quality'?)"),
             ('"51 Hz"', '"49 Hz"', "transducer.modal.open_circuit_frequency: found 49 Hz, must be at least"),
-            ("transducer.modal", "transducer.datasheet", "transducer.datasheet: missing key, one of blocking_force"),
+            ("transducer.modal", "transducer.datasheet", "transducer.datasheet.short_circuit_frequency: unknown key"),
             ("[transducer.modal]", "[transducer.datasheet]\n[transducer.modal]", "only one of the two may be given"),
             ("[transducer.modal]", '[transducer]\ncatalogue = "P-885.51"\n[transducer.modal]',
              "transducer.modal: found beside catalogue, only one of the two may be given"),

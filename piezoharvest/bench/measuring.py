@@ -17,7 +17,7 @@ from piezoharvest.bench.settings import Bench, Setup, build_bench
 from piezoharvest.bench.solver import CIRCUITS, Model, SolverError, Waves, integrate
 from piezoharvest.bench.solver.drive import merged
 from piezoharvest.description.hysteresis import Hysteresis
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.study import Study, StudyError
 
@@ -88,6 +88,7 @@ def measure(study: Study, progress: Callable[[str], None] = lambda text: None) -
     SolverError
         A record's equations have no solution.
     """
+    check_kind("study", study, Study, 'load_study("study.toml") reads one')
     try:
         bench, effects, setups = build_bench(study)
         records = []

@@ -14,6 +14,7 @@ One row for each mode, columns by name, shapes normalised to unit modal mass:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,8 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
 
     needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
     if not path.is_file():
-        raise ParameterError(KEY, f"the file {name!r} does not exist")
+        folder = os.path.isdir(path)
+        raise ParameterError(KEY, f"found {name!r}, which is {'a folder, not a file' if folder else 'no file here'}")
     try:
         with open_reader(path) as reader:
             wanted = needed + [column for column in ("sensor", "base") if column in reader.names]

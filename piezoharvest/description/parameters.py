@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 import operator
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+
+from piezoharvest.near_names import did_you_mean
 
 C = TypeVar("C", bound="Component")
 
@@ -130,7 +132,10 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         numbers = np.real(numbers)
         fine = np.isfinite(numbers.astype(float))
     except (TypeError, ValueError):
-        raise ParameterError(field.name, f"found {value!r}, must be {allowed(field)}") from None
+        text = (
+            "; in Python numbers are in SI units, text with a unit is for TOML files" if isinstance(value, str) else ""
+        )
+        raise ParameterError(field.name, f"found {value!r:.60}, must be {allowed(field)}{text}") from None
     for key, (_, compare) in _COMPARISONS.items():
         if field.metadata.get(key) is not None:
             fine &= compare(numbers, field.metadata[key])
@@ -157,8 +162,41 @@ def check_choice(key: str, value: Any, allowed_: Collection[Any]) -> None:
     ------
     ParameterError
     """
-    if value not in allowed_:
-        raise ParameterError(key, f"found {value!r:.60}, allowed are {', '.join(map(str, allowed_))}")
+    if not isinstance(value, Hashable) or value not in allowed_:
+        hint = did_you_mean(value, map(str, allowed_))
+        raise ParameterError(key, f"found {value!r:.60}{hint}, allowed are {', '.join(map(str, allowed_))}")
+
+
+def check_kind(key: str, value: Any, wanted: type, advice: str = "") -> None:
+    """Raise `ParameterError` unless an argument of a function is an object of the wanted class.
+
+    Parameters
+    ----------
+    key : str
+        The argument.
+    value : object
+    wanted : type
+    advice : str
+        How such an object is made, or what takes the one that was given.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not isinstance(value, wanted):
+        told = f": {advice}" if advice else ""
+        raise ParameterError(key, f"found {named_kind(value)}, must be {_with_article(wanted.__name__)}{told}")
+
+
+def named_kind(value: Any) -> str:
+    """A value of a wrong type as a message names it: itself if it is short, else its class with an article."""
+    if isinstance(value, str | int | float | None):
+        return f"{value!r:.60}"
+    return _with_article(type(value).__name__)
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[0].lower() in 'aeio' else 'a'} {name}"
 
 
 def check_range(key: str, numbers: Any, *, inverted: bool) -> None:

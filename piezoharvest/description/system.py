@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
@@ -31,6 +31,8 @@ class System:
     shunt: Shunt = field(default_factory=Short)
 
     def __post_init__(self) -> None:
+        check_kind("transducer", self.transducer, Transducer)
+        check_kind("shunt", self.shunt, Shunt, "such as Resistor(resistance=1e5)")
         most = len(self.transducer.electrodes)
         for place, number in enumerate(self.shunt.taken):
             if number > most:

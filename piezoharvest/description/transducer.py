@@ -198,7 +198,8 @@ class Transducer(Component):
             if field.default is dataclasses.MISSING and field.name not in figures
         ]  # fmt: skip
         if missing:
-            raise ParameterError(missing[0], f"missing figure, needed beside {', '.join(sorted(own & set(figures)))}")
+            given = ", ".join(sorted(own & set(figures)))
+            raise ParameterError(missing[0], f"missing key, it is needed{f' beside {given}' if given else ''}")
         found = kind(**{key: value for key, value in figures.items() if key in own}).lumped()
         return cls(**{**found._asdict(), **{key: value for key, value in figures.items() if key not in own}})
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.design.bound import bound_in_band, bound_of
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
@@ -68,6 +68,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     (`frequency`); all else, its parts and its worst case too, is then as in a study with this frequency. The bound is
     the largest of the band.
     """
+    check_kind("study", study, Study, 'load_study("study.toml") reads one')
     options = study.design or DesignOptions()
     return _Design(study, options, progress or (lambda _: None)).run()
 

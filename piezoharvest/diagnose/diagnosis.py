@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
+from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
@@ -270,6 +271,7 @@ def diagnose(
     CampaignError
         As `identify`.
     """
+    check_kind("campaign", campaign, Campaign, 'load_campaign("campaign.toml") reads one')
     cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
         found = _diagnose_all(campaign, progress, library)

@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
+from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
@@ -87,6 +88,8 @@ def simulate(
     are cubics of time; waveforms are then right to about 1e-8. A drift continues over the length of a transient, and is
     frozen in a steady state.
     """
+    check_kind("system", system, System, "System(transducer, shunt) makes one")
+    check_kind("excitation", excitation, Excitation, "such as SineForce(amplitude=0.02, frequency=50.0)")
     periodic = transient is None and excitation.period is not None
     length = None if periodic else _length(system, excitation, transient)
     lowered = lower(system, excitation, length)

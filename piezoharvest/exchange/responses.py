@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, named_kind
 from piezoharvest.linear.response import FrequencyResponse
 from piezoharvest.linear.twoport import TwoPort
 from piezoharvest.records.record import FrequencyRecord
@@ -44,7 +44,7 @@ def to_frd(response: TwoPort | FrequencyResponse | FrequencyRecord) -> FRD:
         inputs, outputs = (response.input,), (response.output,)
     else:
         allowed = "must be a TwoPort, a FrequencyResponse or a FrequencyRecord"
-        raise ParameterError("response", f"found a {type(response).__name__}, {allowed}")
+        raise ParameterError("response", f"found {named_kind(response)}, {allowed}")
     if data.ndim != 3:
         raise ParameterError("response", f"found responses of shape {data.shape[:-2]}, must be those of one design")
     from control import FRD
@@ -136,7 +136,7 @@ def response_record(response: Any, **keys: Any) -> dict[str, Any]:
 def _data(response: Any) -> tuple[np.ndarray, np.ndarray]:
     """Values (f, outputs, inputs) and angular frequencies of a FRD, those above zero; raises `ParameterError`."""
     if not hasattr(response, "frdata"):
-        found = f"found a {type(response).__name__}, must be a control.FRD or a skrf.Network"
+        found = f"found {named_kind(response)}, must be a control.FRD or a skrf.Network"
         raise ParameterError("response", f"{found}: control.frequency_response(system, omega) makes one")
     omega = np.asarray(response.omega, float)
     above = omega > 0  # open electrodes keep their charge: no static response

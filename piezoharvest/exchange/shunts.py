@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, named_kind
 from piezoharvest.description.shunts.damping.digital import Digital
 from piezoharvest.description.shunts.linear.network import Network
 from piezoharvest.exchange.synthesis import MOST_COPIED, NotRealisableError, Ratio, check_passive, network_elements
@@ -110,7 +110,7 @@ def _polynomials(system: Any) -> tuple[np.ndarray, np.ndarray, float]:
         parts = (system.num, system.den) if hasattr(system, "num") else None
     coefficients = [np.atleast_1d(np.squeeze(np.asarray(part))) for part in parts or ()]
     if parts is None or any(c.ndim != 1 or c.dtype.kind not in "fi" or not np.isfinite(c).all() for c in coefficients):
-        found = f"found a {type(system).__name__}, must be a TransferFunction or StateSpace with one input and output"
+        found = f"found {named_kind(system)}, must be a TransferFunction or StateSpace with one input and output"
         raise ParameterError("system", f"{found}, of finite real numbers")
     numerator, denominator = (np.trim_zeros(c.astype(float), "f") for c in coefficients)
     if not len(numerator) or not len(denominator):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, named_kind
 from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.linear.statespace import linearize
 
@@ -69,7 +69,7 @@ def _channels(system: Any) -> tuple[np.ndarray, ...]:
     try:
         a, b, c, d = (np.asarray(getattr(system, name), float) for name in "ABCD")
     except (AttributeError, TypeError, ValueError):
-        found = f"found a {type(system).__name__}, must be a StateSpace of python-control or scipy.signal"
+        found = f"found {named_kind(system)}, must be a StateSpace of python-control or scipy.signal"
         raise ParameterError("system", f"{found}, of real numbers") from None
     if getattr(system, "dt", None):
         raise ParameterError("system", f"found a sample time of {system.dt} s, must be of continuous time")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.transducer import INERT
 from piezoharvest.identify.fitting.coupling_signs import with_known_signs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -71,6 +72,7 @@ def identify(
     CampaignError
         There are no records to fit, or a record cannot be predicted.
     """
+    check_kind("campaign", campaign, Campaign, 'load_campaign("campaign.toml") reads one')
     data = prepared(campaign, "fit")
     if not data:
         raise CampaignError(campaign.path, "records", 'no record has role = "fit", at least one is needed')

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.circuit import Product
+from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.system import System
 from piezoharvest.linear.assembly import OperatingPoint, angular, assemble, hysteresis_slope
 
@@ -79,6 +80,7 @@ def frequency_response(
     ParameterError
         The shunt has switches or diodes, or a frequency is not above zero.
     """
+    check_kind("system", system, System, "System(transducer, shunt) makes one")
     slope = hysteresis_slope(system.transducer, operating_point, amplitude)
     model = assemble(system.transducer, system.shunt, slope=slope, base=base, operating_point=operating_point)
     transfer = model.phasors(angular(frequencies))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from piezoharvest.description.circuit import Row, State
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts.base import LinearShunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
@@ -77,6 +77,7 @@ def linearize(
     ParameterError
         An argument is not one of those allowed.
     """
+    check_kind("transducer", transducer, Transducer, "closed_loop takes a System, linearize_shunt a shunt")
     slope = complex(hysteresis_slope(transducer, operating_point, amplitude))
     frequency = transducer.short_circuit_frequency if frequency is None else frequency
     require_positive("frequency", frequency, "Hz")
@@ -142,6 +143,7 @@ def closed_loop(
     ParameterError
         The shunt has switches or diodes.
     """
+    check_kind("system", system, System, "System(transducer, shunt) makes one")
     slope = hysteresis_slope(system.transducer, operating_point)
     model = assemble(system.transducer, system.shunt, slope=slope, base=base, operating_point=operating_point)
     return _state_space(model, ("displacement", "velocity", "voltage", "current"), name)

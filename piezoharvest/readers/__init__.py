@@ -7,6 +7,7 @@ a subclass of `Reader`, here or in a script of your own.
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
 
+_SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 _START = 1024  # bytes by which a reader recognises the text files of its instrument
 
 for _module in pkgutil.iter_modules(__path__):
@@ -45,7 +47,11 @@ def open_reader(path: Path, **lines: int) -> Reader:
         No such file, an unknown ending, or a file that is not what its ending says.
     """
     known = registered()
+    if os.path.isdir(path):
+        raise ReadError("found a folder, but a data file is needed")
     if path.suffix.lower() not in known:
+        if path.suffix.lower() in _SPREADSHEETS:
+            raise ReadError(f"found {path.suffix!r}, a spreadsheet, which is not read: save the sheet as .csv")
         found = repr(path.suffix) if path.suffix else "no ending"
         endings = ", ".join(sorted(known))
         raise ReadError(f"found {found}, allowed are names ending in {endings} (.txt for any table of numbers in text)")
@@ -56,11 +62,21 @@ def open_reader(path: Path, **lines: int) -> Reader:
         raise ReadError(str(error)) from None
     if empty:
         raise ReadError("the file is empty, it must hold measured data")
+    _check_magic(path, cls)
     cls = _special(path, cls, bool(lines)) if cls.by_lines else cls
     if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
         raise ReadError(f"{' and '.join(lines)} may be given for text files only ({allowed})")
     return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)
+
+
+def _check_magic(path: Path, cls: type[Reader]) -> None:
+    """Raise `ReadError` if a file does not begin as all of its format do: it has another, or is damaged."""
+    with path.open("rb") as stream:
+        start = stream.read(_START)
+    if cls.magic and not start.startswith(cls.magic):
+        own = path.suffix.lower()
+        raise ReadError(f"found a file that does not begin as {own} files do: its ending is wrong, or it is damaged")
 
 
 def _special(path: Path, cls: type[Reader], by_lines: bool) -> type[Reader]:

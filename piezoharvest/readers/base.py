@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,8 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from piezoharvest.near_names import did_you_mean
 from piezoharvest.readers.units import Unit, stated_unit
 
+_END = 1 << 13  # bytes at the end of a text file in which its last lines are looked at
+_LINES_BEFORE, _SHORT = 20, 0.9  # lines with which the last one is compared, and their share that is short
 _MAX_QUOTED = 60  # characters of a file's text that a message quotes
 # Numbers that may be read for one campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit
 # takes up to ten times that (2 GiB have been measured for 6 million samples of four channels).
@@ -58,6 +60,10 @@ class Reader(ABC):
         Row of the first of the samples that were last read, or of each sample if their rows are not consecutive.
     left_out : tuple of (row, text) or None
         The first line with numbers below the table that was not read.
+    cut_off : str
+        Why what was last read is likely not the whole of what the instrument wrote; empty if nothing says so.
+    magic : tuple of bytes
+        One of these begins each file of the format, if there are any.
     step_error : float
         Relative error of the sampling interval that the format itself states (`time_of`), where it is rounded.
     by_lines : bool
@@ -78,6 +84,8 @@ class Reader(ABC):
     first_row: int = 1
     numbering: int | np.ndarray = 1
     left_out: tuple[int, str] | None = None
+    cut_off: str = ""
+    magic: ClassVar[tuple[bytes, ...]] = ()
     step_error: float = 0.0
     by_lines: ClassVar[bool] = False
     unsafe: ClassVar[tuple[str, ...]] = ()
@@ -143,13 +151,11 @@ class Reader(ABC):
         found = named or [name for name in self.names if last_part(name) == column]
         found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
-            raise ReadError(
-                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), give the number of one, counted from 1",
-                column,
-            )
+            places = " or ".join(str(n) for n, name in enumerate(self.names, start=1) if name in found)
+            twice = f"found {len(found)} columns {cut(column)!r} ({shown(found)})"
+            raise ReadError(f"{twice}, give the number of one in the place of its name: column = {places}", column)
         if not found:
-            near = difflib.get_close_matches(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names], n=1)
-            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            hint = did_you_mean(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names])
             raise MissingColumnError(
                 f"the file has no column {cut(column)!r}{hint}, its columns are {shown(self.names)}", column
             )
@@ -163,6 +169,27 @@ class Reader(ABC):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def fewer_than_promised(count: int, promised: int | None, what: str) -> str:
+    """What says that a file is cut off, where its header promises more than there is: for `Reader.cut_off`."""
+    if promised is None or count >= promised:
+        return ""
+    return f"found {count} {what}, but the header of the file promises {promised}"
+
+
+def ends_within_a_line(path: Path) -> str:
+    """What says that a text file is cut off within its last line: for `Reader.cut_off`.
+
+    Many programs end a file without a line feed; then the last line is as long as those before it.
+    """
+    with path.open("rb") as stream:
+        stream.seek(max(stream.seek(0, 2) - _END, 0))
+        lines = stream.read().replace(b"\r\n", b"\n").split(b"\n")
+    before = lines[1:-1][-_LINES_BEFORE:]  # the first one may be a part of a line
+    if len(before) < _LINES_BEFORE or not lines[-1].strip() or len(lines[-1]) >= _SHORT * min(map(len, before)):
+        return ""
+    return f"the last line, {cut(lines[-1].decode('latin-1'))!r}, has no end and is shorter than those before it"
 
 
 def check_count(count: int) -> None:

@@ -22,6 +22,10 @@ _MAX_UNIT_LENGTH = 64  # characters: twice the longest meaningful unit
 
 # A number in front of its unit: digits are not taken by the unit, so that there is one way to read each text.
 _QUANTITY = re.compile(r"\s*+([+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+)\s*+(\S.*+)")
+# As people write them, and pint does not: kOhm, MOHM, khz.
+_OHM = re.compile(r"(?<![^\W\d_])([a-zA-Z\u00b5\u03bc]?)(?:O[hH][mM])[sS]?(?![^\W\d_])")
+_HERTZ = re.compile(r"(?<![^\W\d_])([kMG]?)(?:hz|HZ)(?![^\W\d_])")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?(?:\s*[^\W\d].*)?")
 # Where an acceleration is wanted g is standard gravity, not the gram, which converts to none.
 _GRAVITY = re.compile(r"(?<!\w)([muµμ]?)g(?!\w)")
 
@@ -51,6 +55,8 @@ def with_unit(text: str, si: str) -> float | None:
     ParameterError
         The unit is unknown or has another dimension; the error's key is "unit".
     """
+    if len(text) <= _MAX_UNIT_LENGTH and _DECIMAL_COMMA.fullmatch(text):
+        raise ParameterError("unit", f"found {text!r}, must have a decimal point, not a comma")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         return None
@@ -79,7 +85,8 @@ def unit_factor(unit: str, si: str) -> float:
     try:
         if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):
             raise ValueError
-        meant = _GRAVITY.sub(r"\1standard_gravity", unit) if "m/s^2" in si else unit
+        plain = _HERTZ.sub(r"\1Hz", _OHM.sub(r"\1ohm", unit))
+        meant = _GRAVITY.sub(r"\1standard_gravity", plain) if "m/s^2" in si else plain
         given, wanted = registry.Quantity(1.0, meant), registry.Quantity(1.0, si)
         if given.dimensionality != wanted.dimensionality:
             needed = "no unit, or one such as %" if pure else f"a unit that converts to {si}"

@@ -23,6 +23,7 @@ class NumpyFile(ArrayReader):
     """Arrays saved by numpy; that of a .npy file has no name: "[:, 0]", or "[:]" if it is a vector."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".npz", ".npy")
+    magic: ClassVar[tuple[bytes, ...]] = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
 
     def __init__(self, path: Path):
         super().__init__(path)

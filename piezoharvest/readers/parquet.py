@@ -15,6 +15,7 @@ class Parquet(Reader):
     """Parquet file; null values become NaN."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet",)
+    magic: ClassVar[tuple[bytes, ...]] = (b"PAR1",)
     unsafe: ClassVar[tuple[str, ...]] = ("pyarrow.parquet",)
 
     def __init__(self, path: Path):

@@ -16,6 +16,7 @@ class Tdms(Reader):
     """TDMS file: channels by "group/channel", or by the channel's name alone; scaled as their properties say."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
+    magic: ClassVar[tuple[bytes, ...]] = (b"TDSm", b"TDSh")
     unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
 
     def __init__(self, path: Path):

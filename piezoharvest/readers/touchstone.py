@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.readers.base import Reader, ReadError, check_count, cut
+from piezoharvest.readers.base import Reader, ReadError, check_count, cut, ends_within_a_line, fewer_than_promised
 
 _HERTZ = {"HZ": 1.0, "KHZ": 1e3, "MHZ": 1e6, "GHZ": 1e9}
 _FORMS = ("MA", "DB", "RI")
@@ -31,6 +31,7 @@ class Touchstone(Reader):
         super().__init__(path)
         self._scale, self._parameter, self._form, self._reference = 1e9, "S", "MA", 50.0  # where no option line is
         self._version = 1.0
+        self._promised: int | None = None
         rows: list[list[float]] = []
         numbering: list[int] = []
         for row, line in enumerate(path.read_text("latin-1").splitlines(), start=1):
@@ -51,6 +52,7 @@ class Touchstone(Reader):
         columns = self._scale * table[:, 0], self._impedance(table[:, 1:])
         self._values: dict[str, np.ndarray] = dict(zip(_COLUMNS, columns, strict=True))
         self._rows = np.array(numbering)
+        self.cut_off = fewer_than_promised(len(rows), self._promised, "frequencies") or ends_within_a_line(path)
         self.first_row = numbering[0]
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -81,6 +83,8 @@ class Touchstone(Reader):
             self._version = 2.0 if value.strip().startswith("2") else 1.0
         elif keyword == "REFERENCE" and value.strip():
             self._reference = _resistance(value.split()[0], row)
+        elif keyword == "NUMBER OF FREQUENCIES" and value.strip().isdigit():
+            self._promised = int(value)
         elif keyword == "NUMBER OF PORTS" and value.strip() != "1":
             found = f"found {cut(value.strip()) or 'no number of'} ports"
             raise ReadError(f"{found}, there must be one, the leads of the transducer", row=row)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.readers.base import Reader, ReadError, check_count, cut, numbers
-from piezoharvest.readers.units import Unit, unit_of
+from piezoharvest.readers.units import Unit, ratio_of, unit_of
 
 _KINDS = {1: "signal", 2: "auto spectrum", 3: "cross spectrum", 4: "response", 5: "transmissibility", 6: "coherence"}
 _DIRECTIONS = {0: "", **{s * n: f"{'+' if s > 0 else '-'}{d}" for s in (1, -1) for n, d in enumerate("XYZ", 1)}}
@@ -66,7 +66,7 @@ class Uff(Reader):
         below = self._unit_of_axis(function, "orddenom")
         if above is None or below is None or function["func_type"] == 1:
             return above
-        return Unit(f"{above.text}/{below.text}", f"({above.si})/({below.si})", above.factor / below.factor)
+        return Unit(f"{above.text}/{below.text}", ratio_of(above.si, below.si), above.factor / below.factor)
 
     def time_of(self, name: str) -> np.ndarray | None:
         function = self._functions.get(name, {})

@@ -78,6 +78,16 @@ def stated_unit(name: str) -> tuple[str, Unit | None]:
     return name, None
 
 
+def ratio_of(above: str, below: str) -> str:
+    """Unit of a ratio, as of a frequency response: "m/N", "(m/s)/N"."""
+    return f"{bracketed(above)}/{bracketed(below)}"
+
+
+def bracketed(unit: str) -> str:
+    """A unit as it stands in a ratio: in brackets where it is none of one word."""
+    return f"({unit})" if re.search(r"[/ *]", unit) else unit
+
+
 def _simple(text: str) -> tuple[str, float] | None:
     """SI unit and factor of a symbol or a word, with or without a prefix."""
     if text in _SYMBOLS:
@@ -108,5 +118,5 @@ def _ratio(text: str) -> tuple[str, float] | None:
         parts = [part.strip().removeprefix("(").removesuffix(")") for part in (text[:slash], text[slash + 1 :])]
         found = [_simple(part) or _motion(part) for part in parts]
         if found[0] is not None and found[1] is not None:
-            return f"({found[0][0]})/({found[1][0]})", found[0][1] / found[1][1]
+            return ratio_of(found[0][0], found[1][0]), found[0][1] / found[1][1]
     return None

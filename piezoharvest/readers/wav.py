@@ -25,6 +25,7 @@ class Wav(Reader):
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".wav",)
+    magic: ClassVar[tuple[bytes, ...]] = (b"RIFF", b"RIFX", b"RF64")
 
     def __init__(self, path: Path):
         from scipy.io import wavfile
@@ -38,7 +39,9 @@ class Wav(Reader):
         except MemoryError:
             raise
         except Exception as error:  # scipy raises struct.error, ValueError and others on damaged files
-            said = f" ({error})" if isinstance(error, ValueError | Warning) else ""  # others speak of scipy's own code
+            # Others speak of scipy's own code: a file that is cut off gives an array that cannot be reshaped.
+            own = isinstance(error, ValueError | Warning) and "reshape" not in str(error)
+            said = f" ({error})" if own else ": it is cut off, or damaged"
             raise ReadError(f"not a complete WAV file{said}") from None
         if not self._rate > 0 or samples.dtype.kind not in "uif":
             raise ReadError(f"found {samples.dtype} at {self._rate} Hz, allowed are numbers at a rate above 0 Hz")

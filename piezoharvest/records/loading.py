@@ -31,7 +31,8 @@ from piezoharvest.records.reading.frequency_record import read_frequency_record
 from piezoharvest.records.reading.in_memory import in_memory
 from piezoharvest.records.reading.time_record import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
-from piezoharvest.study import StudyError, build, build_transducer, read_toml
+from piezoharvest.study import StudyError, build, build_transducer, check_kind_of_file, read_toml, transducer_table
+from piezoharvest.study import unknown as unknown_name
 
 _TABLES = ("title", "transducer", "channels", "records", "experiment")
 _SOURCES = ("catalogue", "modal", "datasheet")  # keys of [transducer] that give mass and damping, too
@@ -208,15 +209,16 @@ def campaign_of(
     """
     if "specimens" in table:
         raise ParameterError("specimens", "found several specimens, which only identify and diagnose take")
+    check_kind_of_file(table, "campaign")
     for key in table:
         if key not in _TABLES:
-            raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
+            raise unknown_name(key, key, _TABLES, "key")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
         raise ParameterError("title", f"found {repr(title)[:80]}, must be a string")
     if "transducer" not in table:
         raise ParameterError("transducer", "missing table [transducer]")
-    transducer, unknown = _nominal(table["transducer"])
+    transducer, unknown = _nominal(table["transducer"], path.parent)
     sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
     entries = table.get("records")
     if not isinstance(entries, list) or not entries:
@@ -238,11 +240,12 @@ def campaign_of(
     return campaign
 
 
-def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
-    """Transducer from its table, and its unknown parameters; an unknown mass is taken as negligible."""
-    table = dict(table) if isinstance(table, Mapping) else table
+def _nominal(table: Any, folder: Path) -> tuple[Transducer, tuple[str, ...]]:
+    """Transducer from its table or file, and its unknown parameters; an unknown mass is taken as negligible."""
+    table = transducer_table(dict(table) if isinstance(table, Mapping) else table, folder)
     unknown: tuple[str, ...] = ()
     if isinstance(table, dict):
+        table = dict(table)
         unknown = tuple(name for name in INERT if table.get(name) == UNKNOWN)
         if unknown or table.get("quasi_static") is True:
             unknown = tuple(name for name in INERT if name in unknown or not {name, *_SOURCES} & set(table))

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from piezoharvest.readers.units import bracketed
 from piezoharvest.records.reading.channels import UNITS
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -145,4 +146,4 @@ def response_unit(channel: str) -> str:
     output, _, given = channel.partition("/")
     if (output, given) == ("voltage", "current"):
         return "ohm"
-    return f"{UNITS[output]}/({UNITS[given]})" if given else UNITS[output]
+    return f"{UNITS[output]}/{bracketed(UNITS[given])}" if given else UNITS[output]

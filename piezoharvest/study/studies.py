@@ -19,7 +19,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.study.building import build, build_excitation, build_list, build_shunt
 from piezoharvest.study.options import FREE, SYNTHESISED, DesignOptions, SweepOptions
-from piezoharvest.study.toml_file import StudyError, read_toml
+from piezoharvest.study.toml_file import StudyError, check_kind_of_file, read_toml
 from piezoharvest.study.transducers import transducer_of
 from piezoharvest.study.words import typed, unknown
 
@@ -138,6 +138,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
     ParameterError
         Something is missing, unknown, of the wrong type or not physical; its key is the path of the key.
     """
+    check_kind_of_file(table, "study")
     for key in table:
         if key not in _TABLES:
             raise unknown(key, key, _TABLES, "key")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.study.words import shortened
 
@@ -31,6 +33,43 @@ class StudyError(ValueError):
         text = ": ".join(shortened(part) for part in (str(path), key, message) if part)
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
         self.path, self.key, self.message = str(path), key, message
+
+
+# Tables that only one kind of file has, and what takes it.
+_KINDS = {
+    "campaign": (
+        {"records", "channels", "specimens", "experiment"},
+        "a campaign of measured records, which identify, diagnose and plan take",
+    ),
+    "study": (
+        {"excitation", "shunts", "design", "sweep", "bench"},
+        "a study, which simulate, design, sweep, measure and export take",
+    ),
+    "specimen": (
+        {"standard_errors", "covariance", "source"},
+        'an identified specimen, which a study or a campaign takes by transducer = "FILE"',
+    ),
+}
+
+
+def check_kind_of_file(table: Mapping[str, Any], wanted: str) -> None:
+    """Raise `ParameterError` if the tables of a file are those of another kind of file.
+
+    Parameters
+    ----------
+    table : mapping
+    wanted : "campaign", "study" or "specimen"
+
+    Raises
+    ------
+    ParameterError
+        A table of another kind is there, and none of the wanted kind; its key is empty.
+    """
+    if _KINDS[wanted][0] & set(table):
+        return
+    for kind, (tables, what) in _KINDS.items():
+        if kind != wanted and tables & set(table):
+            raise ParameterError("", f"found {what}, but a {wanted} is needed")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

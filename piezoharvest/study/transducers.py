@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 from piezoharvest.description import catalogue
-from piezoharvest.description.figures import Lumped, Modal, data_sheet
+from piezoharvest.description.figures import Lumped, Modal, data_sheet, data_sheet_keys
 from piezoharvest.description.modes_file import KEY, with_modes
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.study.building import build
-from piezoharvest.study.toml_file import StudyError, read_toml
+from piezoharvest.study.toml_file import StudyError, check_kind_of_file, read_toml
 from piezoharvest.study.words import typed, unknown
 
 _SPECIMEN_TABLES = (
@@ -36,7 +37,34 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
         for twice in (name for name in Lumped._fields if name in table and name != "damping"):
             found = f"found beside a table {key}, whose figures it follows from: take one of the two away"
             raise ParameterError(f"{where}.{twice}", found)
+    known = {*(field.name for field in dataclasses.fields(Transducer)), *_FIGURES, "catalogue", KEY}
+    for key in table:
+        if key not in known:
+            raise unknown(f"{where}.{key}", key, known, "key")
     return build(Transducer, _with_figures(table, where), where)
+
+
+def from_catalogue(name: str, **values: Any) -> Transducer:
+    """Transducer of the catalogue; `piezoharvest catalogue` lists them, with their sources.
+
+    Parameters
+    ----------
+    name : str
+    **values
+        Fields of the transducer that are not those of the catalogue, as keys of the table [transducer].
+
+    Raises
+    ------
+    ParameterError
+        There is no such transducer, or a value does not fit.
+
+    Examples
+    --------
+    >>> from piezoharvest import from_catalogue
+    >>> from_catalogue("NAC2125-H10", damping=900.0).stiffness
+    312500000.0
+    """
+    return build_transducer({**values, "catalogue": name})
 
 
 def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
@@ -51,6 +79,9 @@ def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
         return table
     place = f"{where}.{given[0]}"
     figures = typed(dict, table.pop(given[0]), place)
+    for key in figures if given[0] == "datasheet" else ():
+        if key not in (known := data_sheet_keys()):
+            raise unknown(f"{place}.{key}", key, known, "key")
     try:
         kind, figures = (Modal, figures) if given[0] == "modal" else data_sheet(figures)
         found = build(kind, figures, place).lumped()
@@ -63,27 +94,44 @@ def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def transducer_of(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
-    """Transducer from its table, or from the specimen file (relative to `folder`) that stands in its place."""
+    """Transducer of a study, from its table or a specimen file in its place, and that file, if it is from one."""
+    table = transducer_table(value, folder)
+    if not isinstance(value, str):
+        return build_transducer(table), None
+    try:
+        if typed(dict, table, "transducer").get("quasi_static") is True:
+            lacks = "found a quasi-static specimen, whose mass and damping no record tells"
+            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
+        return build_transducer(table), folder / value
+    except ParameterError as error:
+        raise ParameterError("transducer", f"{value}: {error}") from None
+
+
+def transducer_table(value: Any, folder: Path) -> Any:
+    """Table of a transducer, with what files say in it: a specimen file in its place, or one of modes, in `folder`.
+
+    Raises
+    ------
+    ParameterError
+        A file cannot be read, or is none of this kind. The table is not checked.
+    """
     if isinstance(value, dict) and KEY in value:
         try:
-            value = with_modes(value, folder)
+            return with_modes(value, folder)
         except ParameterError as error:
             raise error.within("transducer") from None
     if not isinstance(value, str):
-        return build_transducer(value), None
-    path = folder / value
+        return value
     try:
-        table = read_specimen(path)
-        if "parameters" in table:
-            raise ParameterError("parameters", "found only a list, a study needs what `identify --save` writes")
-        if typed(dict, table["transducer"], "transducer").get("quasi_static") is True:
-            lacks = "found a quasi-static specimen, whose mass and damping no record tells"
-            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
-        transducer = build_transducer(table["transducer"])
-    except (ParameterError, StudyError) as error:
+        table = read_specimen(folder / value)
+    except StudyError as error:
         inner = f"{error.key}: {error.message}" if error.key else error.message
         raise ParameterError("transducer", f"{value}: {inner}") from None
-    return transducer, path
+    if "parameters" in table:
+        raise ParameterError(
+            "transducer", f"{value}: parameters: found only a list, a study needs what `identify --save` writes"
+        )
+    return table["transducer"]
 
 
 def read_specimen(path: Path) -> dict[str, Any]:
@@ -95,6 +143,10 @@ def read_specimen(path: Path) -> dict[str, Any]:
         The file cannot be read, has a table that is unknown, or neither [transducer] nor [parameters].
     """
     table = read_toml(path)
+    try:
+        check_kind_of_file(table, "specimen")
+    except ParameterError as error:
+        raise StudyError(path, "", error.message) from None
     for key in table:
         if key not in _SPECIMEN_TABLES:
             wrong = unknown(key, key, _SPECIMEN_TABLES, "key")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.near_names import did_you_mean
 
 _T = TypeVar("_T")
 
@@ -16,17 +16,25 @@ WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list o
 def typed(wanted: type[_T], value: Any, where: str) -> _T:
     """The value, which must be of a type that TOML has."""
     if not isinstance(value, wanted):
-        raise ParameterError(where, f"found {shown_value(value)}, must be {WORDS[wanted]}")
+        allowed = f"{WORDS[wanted]}{_brackets(wanted, value, where)}"
+        raise ParameterError(where, f"found {shown_value(value)}, must be {allowed}")
     return value
 
 
+def _brackets(wanted: type, value: Any, where: str) -> str:
+    """How a table is written, where one was given as a list of tables or the other way round."""
+    name = ".".join(part for part in where.split(".") if not part.isdigit())
+    if wanted is dict and isinstance(value, list) and value and isinstance(value[0], dict):
+        return f", written as [{name}], not [[{name}]]"
+    return f", written as [[{name}]], not [{name}]" if wanted is list and isinstance(value, dict) else ""
+
+
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
-    """Error for an unknown name, with the most similar known one; `what` is named by a key ("key", "effect")."""
-    names = {right.lower(): right for right in sorted(known)}
-    near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
-    hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
+    """Error for an unknown name, with the known ones that are similar; `what` is named by a key ("key", "effect")."""
+    names = sorted(known)
+    hint = did_you_mean(name, names)
     found = f"unknown {what}{hint}, known {what}s" if what else f"found {shown_value(name)}{hint}, allowed"
-    return ParameterError(key, f"{found} are {', '.join(names.values())}")
+    return ParameterError(key, f"{found} are {', '.join(names)}")
 
 
 def shortened(text: str, most: int = 450) -> str:

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from time import perf_counter
 
+from piezoharvest.description.parameters import check_kind
 from piezoharvest.output import check_file
 from piezoharvest.study import Study, StudyError
 from piezoharvest.sweep.checks import check
@@ -73,6 +74,7 @@ def sweep(
     """
     begun = perf_counter()
     progress, notify = progress or _ignore, notify or _ignore
+    check_kind("study", study, Study, 'load_study("study.toml") reads one')
     out = check_file(out, SUFFIXES)
     plan = _plan(study)
     summary = Summary(study)

@@ -220,7 +220,7 @@ class TestWrong:
             (TRANSDUCER + RECORD + 'shunt = { kind = "open" }\n', "records.0.shunt", "load_resistance is given too"),
             (TRANSDUCER + RECORD + "rows = [9, 2]\n", "records.0.rows", "first < last"),
             (TRANSDUCER + "records = 3\n", "transducer.records", "unknown key"),
-            ("x = 1\n" + TRANSDUCER + RECORD, "x", "unknown key, known keys are title, transducer, channels, records"),
+            ("x = 1\n" + TRANSDUCER + RECORD, "x", "unknown key, known keys are channels, experiment, records"),
             ("title = 3\n" + TRANSDUCER + RECORD, "title", "found 3, must be a string"),
             (TRANSDUCER + "[channels]\nvolts = {}\n" + RECORD, "channels.volts", "unknown channel"),
             (TRANSDUCER + "[channels]\nvoltage = 3\n" + RECORD, "channels.voltage", "must be a table"),

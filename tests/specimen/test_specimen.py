@@ -218,7 +218,7 @@ class TestStudies:
         ("file", "more", "words"),
         [
             ("absent.toml", "", "transducer: absent.toml: the file cannot be read"),
-            ("study.toml", "", "transducer: study.toml: excitation: unknown key"),
+            ("study.toml", "", "transducer: study.toml: found a study, which simulate"),
             ("specimen.toml", "[transducer]\nmass = 1.0\n", "second time, but only one of the two"),
         ],
     )

@@ -48,7 +48,7 @@ def refused(run, tmp_path, monkeypatch):
         (sweep_table(LOAD, outputs=[]), "sweep.outputs: found an empty list, at least one output is needed"),
         (
             sweep_table(LOAD, outputs=["harvested_power", "harvested"]),
-            "sweep.outputs.1: found 'harvested' (did you mean 'harvested_power'?), allowed are attenuation_db, closure",
+            "sweep.outputs.1: found 'harvested' (did you mean 'harvested_power' or 'energy.harvested'?), allowed are ",
         ),
         (
             sweep_table(LOAD, outputs=["energy.leakage"]),  # a loss that this transducer has not

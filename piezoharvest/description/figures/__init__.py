@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 from piezoharvest.description import catalogue
@@ -29,7 +30,7 @@ DATA_SHEETS: dict[str, type[Figures]] = {
 
 __all__ = [
     "DATA_SHEETS", "BlockedForce", "CouplingFactor", "Figures", "Impedance", "Lumped", "Modal", "OpenCircuit", "Plate",
-    "Stack", "data_sheet",
+    "Stack", "data_sheet", "data_sheet_keys",
 ]  # fmt: skip
 
 
@@ -46,6 +47,11 @@ def data_sheet(figures: Mapping[str, Any]) -> tuple[type[Figures], dict[str, Any
         if key in given:
             return kind, given
     raise ParameterError("datasheet", f"missing key, one of {', '.join(DATA_SHEETS)} or material is needed")
+
+
+def data_sheet_keys() -> set[str]:
+    """Keys that data sheets of all kinds may have."""
+    return {field.name for kind in DATA_SHEETS.values() for field in fields(kind)} | {"material"}
 
 
 def _with_material(figures: Mapping[str, Any]) -> dict[str, Any]:

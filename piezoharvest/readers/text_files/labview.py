@@ -52,6 +52,10 @@ class LabView(Text):
             raise ReadError(f"{found}; header_row (line of the names, {_TIMES} ...) says which one is the record")
         return super().read(names)
 
+    def _promised(self) -> int | None:
+        found = (cell for cell in self._tags.get("Samples", ())[1:] if cell.isdigit())
+        return max(map(int, found), default=None)
+
     def _table(self, names: Sequence[str], first: int, last: int | None = None) -> Table:
         """The table up to the header of the next segment, whose lines may be the same as those above."""
         table = super()._table(names, first, last if self._next is None else min(last or self._next, self._next))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import re
 from collections.abc import Iterator, Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -10,7 +11,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.readers.base import MAX_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
+from piezoharvest.readers.base import (
+    MAX_NUMBERS,
+    MissingColumnError,
+    Reader,
+    ReadError,
+    check_count,
+    cut,
+    ends_within_a_line,
+    fewer_than_promised,
+)
 from piezoharvest.readers.text_files.layout import ADVICE, MAX_HEADER_LINES, find_layout
 from piezoharvest.readers.text_files.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
@@ -18,6 +28,11 @@ from piezoharvest.readers.units import Unit, stated_unit, unit_of
 _BLOCK = 1 << 22  # bytes read at a time
 _HEAD = 1 << 18  # bytes, and lines, from which the layout is determined
 _HEAD_LINES = 1000
+# A line of a preamble with the number of samples, as Tektronix ("Record Length,2000"), Keysight ("Points:,2000").
+_PROMISE = re.compile(
+    r"""[#%!"\s]*(?:record length|(?:(?:number|no\.?) of )?(?:points|samples))["\s]*[:=,;\t ]["\s]*(\d+)\D*""",
+    re.IGNORECASE,
+)
 
 
 class Text(Reader):
@@ -68,6 +83,9 @@ class Text(Reader):
         if not table.count:
             raise ReadError(f"found no samples, but a table of numbers is needed; {ADVICE}")
         self.numbering, self.left_out = table.numbering(), table.left_out
+        self.cut_off = fewer_than_promised(table.count, self._promised(), "samples")
+        if not self.cut_off and self._encoding is None:
+            self.cut_off = ends_within_a_line(self.path)
         return table.finish()
 
     def read_rows(self, names: Sequence[str], rows: tuple[int, int]) -> dict[str, np.ndarray]:
@@ -79,6 +97,11 @@ class Text(Reader):
                 return table.finish()
         end = self._table(names[:1], self.first_row).last_row
         raise ReadError(f"found {list(rows)}, allowed are rows from {self.first_row} to {end}", "rows")
+
+    def _promised(self) -> int | None:
+        """Number of samples that the preamble states; None if it states none."""
+        found = (_PROMISE.fullmatch(line.strip()) for line in self.head[: self.layout.above])
+        return next((int(match[1]) for match in found if match), None)
 
     def unit(self, name: str) -> Unit | None:
         of_row = self.layout.units[self._positions[name]]

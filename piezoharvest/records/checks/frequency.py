@@ -53,7 +53,8 @@ def _found(
     """Finding for the lines of a mask, unless it is empty."""
     if mask.any():
         rows = shifted(runs(mask), record.first_row)
-        message = f"found {int(mask.sum())} {what}, allowed are {allowed}"
+        some = what if mask.sum() > 1 else f"{what.partition(' ')[0].removesuffix('s')} {what.partition(' ')[2]}"
+        message = f"found {int(mask.sum())} {some}, allowed are {allowed}"
         yield Finding("error", check, record.name, channel, rows, message)
 
 
@@ -75,12 +76,17 @@ def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[
     placed = _with_shifted_resonances(record, transducer, few)
     ratio, opposed = _deviation(response[few], placed if placed is not None else expected[:, few])
     if ratio:
-        what = f"values of {ratio:.2g} times what the nominal model gives"
+        what = f"values of {_times(ratio)} times what the nominal model gives"
         allowed = f"those up to {MAX_FACTOR:g} times more or less; likely a wrong unit"
         yield from _found(record, "unit", "response", everything, what, allowed)
     if opposed:
         what = "values against what the nominal model gives"
         yield from _found(record, "sign", "response", everything, what, "those of its sign; likely a wrong sign")
+
+
+def _times(ratio: float) -> str:
+    """A ratio in words: 780, not 7.8e+02."""
+    return f"{float(f'{ratio:.2g}'):g}"
 
 
 def _deviation(response: np.ndarray, expected: np.ndarray) -> tuple[float | None, bool]:

@@ -118,6 +118,8 @@ class ChannelSource(Component):
         factor, same = unit_factor(self.unit or si, si), stated.si == si
         if not self.unit and same:
             return stated.factor
+        if stated.si == "dB" and not self.unit:
+            raise ParameterError("unit", f'found levels in dB in the file: unit = "dB re {si}" says what 0 dB is')
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
             raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {_SAME}")

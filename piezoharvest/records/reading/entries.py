@@ -9,8 +9,9 @@ from typing import Any, Literal
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.readers.units import ratio_of
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
-from piezoharvest.study import build, build_shunt
+from piezoharvest.study import build, build_shunt, unknown
 
 Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[ChannelSource, Level]]
@@ -191,7 +192,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
     found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:
-            raise ParameterError(f"{where}.{channel}", f"unknown channel, known channels are {', '.join(units)}")
+            raise unknown(f"{where}.{channel}", channel, units, "channel")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             check_unit(source.unit, units[channel], levels=channel == "magnitude")
@@ -208,6 +209,6 @@ def default_sources() -> Sources:
 
 def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:
     """SI unit of each quantity by which a frequency response may be given."""
-    ratio = "ohm" if isinstance(entry, ImpedanceEntry) else f"({UNITS[entry.output]})/({UNITS[entry.input]})"
+    ratio = "ohm" if isinstance(entry, ImpedanceEntry) else ratio_of(UNITS[entry.output], UNITS[entry.input])
     values = dict.fromkeys(("response", "real", "imaginary", "magnitude"), ratio)
     return {"frequency": "Hz", **values, "phase": "rad", "coherence": ""}

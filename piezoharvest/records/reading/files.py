@@ -103,9 +103,14 @@ class Files(ExitStack):
         return time[begin : end + 1]
 
     def below(self) -> list[Finding]:
-        """Findings for lines with numbers below the tables, which were not read."""
+        """Findings for files that are cut off, and for lines with numbers below the tables, which were not read."""
         allowed = "which is not read (the key rows of the record says which lines belong to it)"
-        return [
+        cut = [
+            Finding("warning", "cut off", name, "", (), f"{reader.cut_off}; likely the file is cut off")
+            for name, reader in self._open.items()
+            if reader.cut_off
+        ]
+        return cut + [
             Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table, {allowed}")
             for name, reader in self._open.items()
             if reader.left_out is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,13 +12,15 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.finding import Finding, counted, shifted
+from piezoharvest.records.finding import Finding, counted, runs, shifted
 from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.reading.known_columns import known_column
 from piezoharvest.records.record import FrequencyRecord
 
+_TURN = 6.5  # rad: a phase between -2 pi and 2 pi, with rounding
+_HALF_TURN_IN_DEGREES = 361.0  # of a phase from -360 to 360
 # The forms in which a response may be given; the first that is present is used.
 _FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
 
@@ -77,6 +79,7 @@ def read_frequency_record(
             found = f"found {counted(len(values), 'value')}"
             allowed = f"allowed are as many as frequencies, at least one ({len(parts['frequency'])})"
             raise CampaignError(folder / entry.file, part, f"{found}, {allowed}", channel=part)
+    findings += _doubts(files, entry, columns, all_sources, parts, numbering)
     parts, rows, still = _in_order(parts, numbering)
     if len(still):
         where = shifted([(0, len(still) - 1)], still)
@@ -94,6 +97,31 @@ def read_frequency_record(
         first_row=rows,
     )  # fmt: skip
     return record, findings
+
+
+def _doubts(
+    files: Files,
+    entry: FrfEntry | ImpedanceEntry,
+    columns: Mapping[str, Sequence[str]],
+    sources: Mapping[str, ChannelSource],
+    parts: Mapping[str, np.ndarray],
+    numbering: int | np.ndarray,
+) -> list[Finding]:
+    """Findings for a magnitude below zero, and a phase in degrees that nothing says to be one."""
+    found = []
+    below = parts.get("magnitude", np.zeros(0)) < 0
+    if below.any():
+        message = f"found {counted(int(below.sum()), 'value')} below 0, allowed are magnitudes of at least 0, or levels"
+        rows = shifted(runs(below), numbering)
+        found.append(Finding("error", "sign", entry.file, "magnitude", rows, f'{message} by unit = "dB re ..."'))
+    if "phase" in parts and not sources["phase"].unit and sources["phase"].gain is None:
+        reader = files.reader(entry.file)
+        stated = [reader.unit(column) for column in columns["phase"]]
+        size = float(np.nanmax(np.abs(parts["phase"]), initial=0.0))
+        if not any(stated) and _TURN < size <= _HALF_TURN_IN_DEGREES:
+            message = f'found up to {size:.4g}, taken for radians; likely degrees, which unit = "deg" says'
+            found.append(Finding("warning", "unit", entry.file, "phase", (), message))
+    return found
 
 
 def _in_order(
@@ -130,7 +158,7 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
         except ReadError as error:
             if part in sources or not isinstance(error, MissingColumnError):
                 raise files.error(entry.file, part, error) from None
-            known = known_column(reader, part) if entry.kind == "impedance" else None
+            known = known_column(reader, part, entry.kind)
             if known is not None:
                 found[part] = [known]
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:

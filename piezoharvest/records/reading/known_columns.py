@@ -1,4 +1,4 @@
-"""Columns of an impedance by the names that analysers give them, where a campaign names none.
+"""Columns of a frequency response or an impedance by the names that analysers give them, where a campaign names none.
 
 Keysight E4990A, help on "Saving trace data to a file" (helpfiles.keysight.com): `|Z|(Ohm)-data`, `theta-z(deg)-data`,
 `Z-Real(Ohm)-data`. OMICRON Bode Analyzer Suite, by analogy to the gain in its users' files (`Trace 1: Gain: Magnitude
@@ -16,6 +16,7 @@ from piezoharvest.readers import Reader
 from piezoharvest.readers.units import stated_unit
 
 _TRACE = r"(?:trace \d+: )?impedance: ?"
+_GAIN = r"(?:trace \d+: )?(?:gain|frf|h1|h2|transfer function|response)[:, ] ?"
 # Names without their units, in lower case, and the SI unit that the file states for them. A phase has to state it: a
 # number may be degrees or radians. A name alone, as "R", may state none.
 _NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
@@ -27,23 +28,36 @@ _NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
 })  # fmt: skip
 
 
-def known_column(reader: Reader, part: str) -> str | None:
-    """The first column that is named like a part of an impedance and has its unit; None if there is none.
+# Of a frequency response, of whichever unit; a magnitude may be a level.
+_FRF_NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
+    "frequency": _NAMES["frequency"],
+    "real": (re.compile(rf"real(?: part)?|re|{_GAIN}real(?: part)?"), "", False),
+    "imaginary": (re.compile(rf"imag(?:inary)?(?: part)?|im|{_GAIN}imag(?:inary)?(?: part)?"), "", False),
+    "magnitude": (re.compile(rf"mag(?:nitude)?\.?|amp(?:litude|l\.)?|gain|abs|{_GAIN}mag(?:nitude)?"), "", False),
+    "phase": (re.compile(rf"phase|phase angle|angle|{_GAIN}phase"), "rad", True),
+    "coherence": (re.compile(r"coherence|coh\.?|gamma\^?2"), "", False),
+})  # fmt: skip
+
+
+def known_column(reader: Reader, part: str, kind: str = "impedance") -> str | None:
+    """The first column that is named like a part of a response and has its unit; None if there is none.
 
     Parameters
     ----------
     reader : Reader
     part : str
-        "frequency", "real", "imaginary", "magnitude" or "phase".
+        "frequency", "real", "imaginary", "magnitude", "phase" or "coherence".
+    kind : "impedance" or "frf"
     """
-    if part not in _NAMES:
+    names = _NAMES if kind == "impedance" else _FRF_NAMES
+    if part not in names:
         return None
-    pattern, si, stated = _NAMES[part]
+    pattern, si, stated = names[part]
     for n, name in enumerate(reader.names, start=1):
         bare = stated_unit(name)[0].strip().strip('"').strip().lower()
         if pattern.fullmatch(bare):
             column = reader.resolve(n)
             unit = reader.unit(column)
-            if unit.si == si if unit is not None else not stated:
+            if si in ("", unit.si) if unit is not None else not stated:
                 return column
     return None

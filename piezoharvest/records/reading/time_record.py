@@ -12,6 +12,7 @@ import numpy as np
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
+from piezoharvest.readers.units import stated_unit
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
@@ -74,6 +75,13 @@ class Reading:
             if level == "record" or drive or (channel == "time" and level == "campaign"):
                 what = f"{channel}, the drive" if drive else channel
                 raise CampaignError(self.files.folder / name, what, error.message, channel=channel) from None
+            if channel == "time" and (known := _named_time(reader)):
+                self.columns[channel] = [known]
+                if reader.unit(known) is None:
+                    says = f"time = {{ column = {known!r} }} in [channels] says so"
+                    message = f"column {known!r} is taken for the time in s, as no other is named; {says}"
+                    self.findings.append(Finding("warning", "time unit", name, channel, (), message))
+                return
             if level == "campaign":
                 message = f"{error.message}; the record is used without this channel"
                 self.findings.append(Finding("warning", "missing column", name, channel, (), message))
@@ -178,6 +186,15 @@ class Reading:
                 message = f"its samples are from {own[0]:g} s to {own[-1]:g} s, but those of the drive"
                 raise self.error(channel, f"{message} from {found[0]:g} s to {found[-1]:g} s")
         return found
+
+
+def _named_time(reader: Reader) -> str | None:
+    """The one column that is named time, in whatever case and with a unit of time or none; None if there is none."""
+    named = [name for name in reader.names if stated_unit(name)[0].strip().strip('"').lower() == "time"]
+    if len(named) != 1:
+        return None
+    unit = reader.unit(named[0])
+    return named[0] if unit is None or unit.si == UNITS["time"] else None
 
 
 def read_record(

@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.readers import Reader, ReadError, open_reader
-from piezoharvest.readers.units import stated_unit
+from piezoharvest.readers.units import ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
 from piezoharvest.records.reading.known_columns import known_column
@@ -37,7 +37,7 @@ _WORDS: Mapping[str, str] = MappingProxyType({
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
 _OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
 _RATIOS = {
-    f"({UNITS[top]})/({UNITS[below]})": (top, below)
+    ratio_of(UNITS[top], UNITS[below]): (top, below)
     for below in ("force", "base_acceleration")
     for top in _OUTPUTS
     if UNITS[top] != UNITS[below]

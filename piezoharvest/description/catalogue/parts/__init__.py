@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Mapping
 from functools import cache
 from typing import Any
 
 from piezoharvest.description.catalogue import content, toml_files
 from piezoharvest.description.diode import exponential_diode
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_choice
 
 DIODE, CURRENT = "diode", "diode_current"
 KEYS = ("diode_drop", "diode_resistance", "diode_leakage")  # that stand for a diode
@@ -49,10 +48,7 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
     name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
     if KEYS[0] not in fields:
         raise ParameterError(DIODE, f"found {name!r:.60}, but this kind of shunt has no diodes")
-    if not isinstance(name, str) or name not in diodes():
-        near = difflib.get_close_matches(str(name)[:100], diodes(), n=1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ParameterError(DIODE, f"found {name!r:.60}{hint}, allowed are {', '.join(diodes())}")
+    check_choice(DIODE, name, diodes())
     for key in KEYS:
         if key in values:
             raise ParameterError(key, f"found beside {DIODE}, which gives it: take one of the two away")

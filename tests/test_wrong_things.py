@@ -1,0 +1,92 @@
+"""What a user gets who hands a function, or a command, something else than it takes."""
+
+import pytest
+
+import piezoharvest as ph
+
+TRANSDUCER = ph.Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+SYSTEM = ph.System(TRANSDUCER, ph.Resistor(resistance=1e5))
+SINE = ph.SineForce(amplitude=0.02, frequency=50.6)
+
+STUDY = """[transducer]
+catalogue = "NAC2125-H10"
+[excitation]
+kind = "sine_force"
+amplitude = 1.0
+frequency = 50.0
+[[shunts]]
+kind = "open"
+"""
+CAMPAIGN = "[transducer]\n[channels]\n[[records]]\n"
+SPECIMEN = "[transducer]\n[standard_errors]\n"
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: ph.System(TRANSDUCER, 1e5), "shunt: found 100000.0, must be a Shunt: such as Resistor("),
+        (lambda: ph.System("x"), "transducer: found 'x', must be a Transducer"),
+        (lambda: ph.simulate(TRANSDUCER, SINE), "system: found a Transducer, must be a System: System(transducer"),
+        (lambda: ph.simulate(SYSTEM, 50), "excitation: found 50, must be an Excitation: such as SineForce("),
+        (lambda: ph.linearize(SYSTEM), "transducer: found a System, must be a Transducer: closed_loop takes a System"),
+        (lambda: ph.closed_loop(TRANSDUCER), "system: found a Transducer, must be a System"),
+        (lambda: ph.frequency_response(TRANSDUCER, [50.0]), "system: found a Transducer, must be a System"),
+        (lambda: ph.design("study.toml"), "study: found 'study.toml', must be a Study: load_study("),
+        (lambda: ph.sweep(None, "x.csv"), "study: found None, must be a Study: load_study("),
+        (lambda: ph.measure(3), "study: found 3, must be a Study: load_study("),
+        (lambda: ph.identify("campaign.toml"), "campaign: found 'campaign.toml', must be a Campaign: load_campaign("),
+        (lambda: ph.diagnose(None), "campaign: found None, must be a Campaign: load_campaign("),
+        (lambda: ph.response_record(3), "response: found 3, must be a control.FRD"),
+        (lambda: ph.shunt_from({}), "system: found a dict, must be a TransferFunction"),
+        (
+            lambda: ph.Resistor(resistance="1 Mohm"),
+            "resistance: found '1 Mohm', must be a finite number greater than 0",
+        ),
+        (lambda: ph.Transducer.from_modal(), "short_circuit_frequency: missing key, it is needed"),
+        (lambda: ph.from_catalogue("NAC2125"), "transducer.catalogue: found 'NAC2125' (did you mean 'NAC2125-H10'?)"),
+    ],
+)
+def test_python_says_what_is_needed(call, said):
+    with pytest.raises(ph.ParameterError) as error:
+        call()
+    assert str(error.value).startswith(said)
+
+
+def test_the_catalogue_from_python():
+    found = ph.from_catalogue("NAC2125-H10", damping=900.0)
+    assert (found.stiffness, found.damping) == (3.125e8, 900.0)
+
+
+@pytest.mark.parametrize(
+    ("load", "text", "said"),
+    [
+        (ph.load_study, CAMPAIGN, "found a campaign of measured records, which identify, diagnose and plan take, but"),
+        (ph.load_study, SPECIMEN, "found an identified specimen, which a study or a campaign takes by transducer"),
+        (ph.load_campaign, STUDY, "found a study, which simulate, design, sweep, measure and export take, but"),
+        (ph.load_campaign, SPECIMEN, "found an identified specimen"),
+        (ph.load_specimen, STUDY, "found a study, which simulate"),
+        (
+            ph.load_study,
+            STUDY.replace("[transducer]", "[[transducer]]"),
+            "must be a table, written as [transducer], not",
+        ),
+        (
+            ph.load_study,
+            STUDY.replace("[[shunts]]", "[shunts]"),
+            "must be a list of tables, written as [[shunts]], not",
+        ),
+    ],
+)
+def test_another_kind_of_file_is_named(tmp_path, load, text, said):
+    path = tmp_path / "file.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"file\.toml") as error:
+        load(path)
+    assert said in str(error.value)
+
+
+def test_known_keys_of_a_transducer_name_the_other_ways_to_give_it(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("[transducer]", '[transducer]\ndatashet = "x"'))
+    with pytest.raises(ph.StudyError, match=r"transducer\.datashet: unknown key \(did you mean 'datasheet'\?\).*modal"):
+        ph.load_study(path)
