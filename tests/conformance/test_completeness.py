@@ -32,5 +32,6 @@ def test_a_shunt_has_a_circuit_on_the_bench(cls):
     assert cls.kind in CIRCUITS or cls.kind in NOT_ON_THE_BENCH, (
         f"no record can be made with {cls.kind}: write class {cls.__name__}(Circuit) in "
         "piezoharvest/bench/solver/circuits.py and enter it in UNSWITCHED, or with a switch in switched.py and "
-        "SWITCHED, or say in NOT_ON_THE_BENCH why not"
+        "SWITCHED, in extraction.py and "
+        "EXTRACTING, with a controller in controlled.py and CONTROLLED, or say in NOT_ON_THE_BENCH why not"
     )

@@ -8,10 +8,12 @@ record of the paper's stack, and more where it has to restart at events.
 """
 
 from piezoharvest.bench.solver.circuits import UNSWITCHED
+from piezoharvest.bench.solver.controlled import CONTROLLED
+from piezoharvest.bench.solver.extraction import EXTRACTING
 from piezoharvest.bench.solver.model import Model, SolverError
 from piezoharvest.bench.solver.run import Waves, integrate
 from piezoharvest.bench.solver.switched import SWITCHED
 
-CIRCUITS = UNSWITCHED | SWITCHED
+CIRCUITS = UNSWITCHED | SWITCHED | EXTRACTING | CONTROLLED
 
 __all__ = ["CIRCUITS", "Model", "SolverError", "Waves", "integrate"]
