@@ -61,7 +61,7 @@ def rectified_campaign(folder, laws: Laws, *, seed=0, off=0.03):
     rng, folder = np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = {name: value * (1.0 + off * rng.uniform(-1, 1)) for name, value in BEAM.items()}
-    text = ["[transducer]", *(f"{name} = {value!r}" for name, value in nominal.items())]
+    text = ["[transducer]", "quasi_static = false", *(f"{name} = {value!r}" for name, value in nominal.items())]
     for n, drive in enumerate(DRIVES):
         true = rectified(laws, drive)
         read = {name: true[name] + laws.reading[name](true) if name in laws.reading else true[name] for name in true}
