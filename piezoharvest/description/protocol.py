@@ -110,6 +110,11 @@ class EquationBuilder(SpecimenRows, Protocol):
     reads: bool
     size: Any
 
+    @property
+    def further(self) -> Mapping[str, Row]:
+        """Rows of channels that not every model has, by name."""
+        ...
+
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state with energy of about storage z^2/2, and give it an equation; return rows of it and its rate."""
         ...

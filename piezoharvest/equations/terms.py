@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -114,6 +114,7 @@ class Terms:
     """
 
     reads = False
+    further: ClassVar[Rows] = {}
 
     def __init__(
         self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
@@ -175,10 +176,13 @@ class Terms:
         return z, dz
 
     def product(self, first: Row, second: Row) -> Row:
-        """Product of two rows; the first of them may be time."""
-        if first is not self.time:
+        """Product of two rows; the first of them may have time in it."""
+        share = first[..., self.columns["time"], None]
+        if not np.any(share):
             return self._element(first, second, PRODUCT)
-        return self._element(second, second, TIMED) if self._passes else self.nothing
+        timed = share * self._element(second, second, TIMED) if self._passes else self.nothing
+        rest = first - share * self.time
+        return timed + self._element(rest, second, PRODUCT) if np.any(rest) else timed
 
     def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
         """Power of a row; with `positive` that of its positive part."""
@@ -244,6 +248,11 @@ class Terms:
         """Column of a smooth element's output; that of its rate stands behind it."""
         if self._linearised:
             return self.nothing
+        if np.any(np.isnan(first)) or np.any(np.isnan(second)):
+            raise self._unavailable()
+        for known in self.elements:  # a function and its slope are made of the same corners
+            if known.power == power and np.array_equal(known.first, first) and np.array_equal(known.second, second):
+                return UNITS[self.columns[known.name]]
         name = f"smooth{len(self.elements) + 1}"
         column = self._column(name)
         self._column(name + "'")
@@ -267,10 +276,14 @@ class Terms:
     def _checked(self, row: Row) -> Row:
         self._felt += bool(np.any(row))
         if np.any(np.isnan(row)) or np.any(row[..., self.columns["time"]]):
-            found = "found time by itself, or a power that is no whole number"
-            allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
-            raise ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
+            raise self._unavailable()
         return row
+
+    def _unavailable(self) -> ParameterError:
+        """Error for a row that the engine does not have."""
+        found = "found time by itself, or a power that is no whole number"
+        allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
+        return ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
 
     def check(self, shunt: Shunt, switch: Switch | None) -> None:
         """Raise an error if the switch extracts charge instantly and the path of smooth elements is then not linear.

@@ -7,9 +7,10 @@ are then solved once for the rates of the states, and nonlinearities remain in t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -128,6 +129,7 @@ class RecordModel:
     """
 
     reads = True
+    further: ClassVar[Mapping[str, Row]] = {}
 
     def __init__(
         self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float,

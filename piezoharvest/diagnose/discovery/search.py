@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Bends
+from piezoharvest.description.effects.nameless.forms import Bends, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Delay, Play
+from piezoharvest.description.effects.nameless.places import OverTime, Place, Reading
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
@@ -17,13 +19,12 @@ from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fi
 from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
-from piezoharvest.diagnose.discovery.visited import visited_inputs
-from piezoharvest.diagnose.start_values import campaign_scales
+from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
+from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.predict.circuit.setting import by_engine
 from piezoharvest.predict.prediction import PredictionError
 
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
@@ -71,8 +72,8 @@ class Found:
 
 
 def can_search(problem: Problem) -> bool:
-    """True for records over time behind linear circuits: what the engine predicts sees no corners of a law yet."""
-    return all(isinstance(data, Data) and not by_engine(data.setting) for data in problem.data)
+    """True for records over time, behind any circuit: a frequency response has no corners of a law."""
+    return all(isinstance(data, Data) for data in problem.data)
 
 
 def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
@@ -144,11 +145,26 @@ def _scored(problem: Problem, start: Fit) -> list[Scored]:
     scales = campaign_scales(problem.data, start)
     found: list[Scored] = []
     for place in places_of(problem, visited):
-        table = table_for(place, visited[place.input])
-        each = table and score(problem, start, Law(place=place, form=table), visited[place.input])
+        form = _first_form(problem, place, visited[place.input])
+        each = form and score(problem, start, Law(place=place, form=form), visited[place.input])
         found += [each] if each is not None else []
-        found += _best_memories(problem, start, memories_at(place, visited, scales), visited[place.input])
+        found += _best_memories(problem, start, _memories(problem, place, visited, scales), visited[place.input])
     return sorted((each for each in found if each.gain > MIN_SCORE), key=lambda each: -each.gain)
+
+
+def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | None:
+    """What is tried first at a place: a table, but over time a straight line where the engine is needed."""
+    if problem.needs_engine and isinstance(place, OverTime) and place.of == "time":
+        return Line(factor=0.0)
+    return table_for(place, visited)
+
+
+def _memories(problem: Problem, place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:
+    """Laws with a memory at a place; the engine has no states of sensors."""
+    found = memories_at(place, visited, scales)
+    if problem.needs_engine and isinstance(place, Reading):
+        return [law for law in found if isinstance(law.memory, Delay | Play)]
+    return found
 
 
 def _best_memories(problem: Problem, start: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[Scored]:

@@ -11,6 +11,8 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import prediction_of
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.any_prediction import AnyPrediction
+from piezoharvest.predict.circuit.readings import NEEDED
 from piezoharvest.predict.prediction import Prediction
 
 Visited = Mapping[str, np.ndarray]
@@ -26,10 +28,16 @@ def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
     return {name: np.concatenate(values) for name, values in parts.items()}
 
 
+def _channels(prediction: AnyPrediction, data: Data) -> list[str]:
+    """Channels that a prediction has and a law may be a function of."""
+    if isinstance(prediction, Prediction):
+        return [name for name in prediction.matrices.channels if name != "acceleration"]
+    return [*NEEDED, *(name for name in data.channels if name.startswith("dc_"))]
+
+
 def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.ndarray]:
     prediction = prediction_of(found.model, data, nuisance)
-    assert isinstance(prediction, Prediction)  # `search.can_search`
-    names = [name for name in prediction.matrices.channels if name != "acceleration"]
+    names = [name for name in _channels(prediction, data) if name != data.drive]
     blocks = prediction.blocks(False, channels=names)
     values = np.concatenate([block.values for block in blocks])
     signals = dict(zip(names, values.T, strict=True))

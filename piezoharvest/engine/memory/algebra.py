@@ -12,6 +12,16 @@ RADIUS_TOLERANCE = 1e-9  # relative, of the radius
 
 
 @compiled
+def is_unit(W, a, n):
+    """True if the matrix at a is the unit matrix, whose equations are solved already."""
+    for k in range(n):
+        for m in range(n):
+            if W[a + k * n + m] != (1.0 if k == m else 0.0):
+                return False
+    return True
+
+
+@compiled
 def eliminate(W, V, a, b, n, columns, order):
     """Gaussian elimination of the matrix at a with the right sides at b, complete pivoting, in place; returns the rank.
 

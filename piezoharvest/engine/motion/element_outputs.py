@@ -8,7 +8,7 @@ from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
-from piezoharvest.engine.memory.algebra import back_substitute, eliminate
+from piezoharvest.engine.memory.algebra import back_substitute, eliminate, is_unit
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
@@ -94,6 +94,8 @@ def solve(L, S, D):
     count = L[pg.ELEMENTS]
     matrix = scratch(L, D, MATRIX)
     right = matrix + count * count
+    if is_unit(S, matrix, count):
+        return
     rank = eliminate(S, D, matrix, right, count, 1, D[st.PIVOTS])
     out = right + count
     for k in range(count):
@@ -172,26 +174,35 @@ def _rates(P, L, S, D, slot, z, time, right):
 
 
 @compiled
+def _rate_equation(P, L, S, slot, z, time, k, row):
+    """Set a row of the equations of the rates: that of the unit matrix less what each rate does to that of output k."""
+    count, rows, flow = L[pg.ELEMENTS], L[pg.ROWS], block_of(L, slot) + L[tb.MATRIX]
+    for m in range(count):
+        S[row + m] = 1.0 if k == m else 0.0
+    first, second = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+    for which in range(2):
+        form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
+        share = slope_of(P, L, k, first, second, time, which) / scale_of(P, L, element_of(L, k) + 1)
+        for j in range(L[pg.A]) if share != 0.0 else range(0):
+            if P[form + j] != 0.0:
+                for m in range(count):
+                    S[row + m] -= share * P[form + j] * P[flow + (element_of(L, m) + 1) * rows + j]
+
+
+@compiled
 def set_outputs_and_rates(P, L, S, D, slot, z, time):
     """Set the outputs and their rates so that they agree with the rest of a state.
 
-    The equations of the rates are linear; each column is the effect of a unit rate on all others.
+    The equations of the rates are linear.
     """
     outputs(P, L, S, D, z, time)
     count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
     right = matrix + count * count
     for k in range(count):
         S[z + element_of(L, k) + 1] = 0.0
-    for m in range(count):
-        S[z + element_of(L, m) + 1] = 1.0
-        _rates(P, L, S, D, slot, z, time, right)
-        S[z + element_of(L, m) + 1] = 0.0
-        for k in range(count):
-            S[matrix + k * count + m] = S[right + k]
     _rates(P, L, S, D, slot, z, time, right)
     for k in range(count):
-        for m in range(count):
-            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - (S[matrix + k * count + m] - S[right + k])
+        _rate_equation(P, L, S, slot, z, time, k, matrix + k * count)
     solve(L, S, D)
     for k in range(count):
         S[z + element_of(L, k) + 1] = S[right + k]

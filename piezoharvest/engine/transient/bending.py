@@ -13,7 +13,7 @@ import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
-from piezoharvest.engine.memory.algebra import back_substitute, eliminate
+from piezoharvest.engine.memory.algebra import back_substitute, eliminate, is_unit
 from piezoharvest.engine.sensitivity.dual_modes import dual, nominal
 from piezoharvest.engine.transient.mode_steps import ModeSteps
 from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
@@ -142,6 +142,8 @@ def _solve(bending, columns):
     """Solve the equations in the memory for so many columns; return the place of the solution."""
     count, work, order = len(bending.power), bending.work, bending.order
     right = count * count
+    if is_unit(work, 0, count):
+        return right
     out = right + count * columns
     for k in range(count * columns):
         work[out + k] = 0.0

@@ -13,7 +13,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
-from piezoharvest.predict.circuit.setting import has_events
+from piezoharvest.predict.circuit.setting import by_engine, has_events
 from piezoharvest.predict.parameters import Path, value_at
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
@@ -63,6 +63,11 @@ class Problem:
     def has_events(self) -> bool:
         """True if a record is one behind a circuit with diodes or switches."""
         return any(map(_switches, self.data))
+
+    @cached_property
+    def needs_engine(self) -> bool:
+        """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
+        return any(isinstance(data, Data) and by_engine(data.setting) for data in self.data)
 
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""

@@ -8,7 +8,7 @@ cost falls, goes on from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -32,7 +32,7 @@ from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
-from piezoharvest.predict.circuit.readings import NEEDED, read_displacement, reads_more
+from piezoharvest.predict.circuit.readings import NEEDED, Samples, read, read_more
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, put, stepped, value_at
@@ -149,8 +149,9 @@ class CircuitPrediction:
         if setting.drive == "displacement":
             bends = setting.motion.coefficients[:, 2:]
             values = np.append(2.0 * bends[:, 0], 2.0 * bends[-1, 0] + 6.0 * bends[-1, 1]) / step**2
-            return MeasuredDrive(values=values, sample_rate=1.0 / step, imposed=True)
-        return MeasuredDrive(values=self._drive, sample_rate=1.0 / step, base=setting.drive == "base_acceleration")
+            return MeasuredDrive(values=values, size=setting.size, sample_rate=1.0 / step, imposed=True)
+        base = setting.drive == "base_acceleration"
+        return MeasuredDrive(values=self._drive, size=setting.size, sample_rate=1.0 / step, base=base)
 
     @property
     def record_time(self) -> float | None:
@@ -162,7 +163,9 @@ class CircuitPrediction:
         """Matrices of all modes, with complex steps of the parameters, and tables that other records may have, too."""
         if self.setting.harmonics is not None:
             return self._lowered(self.excitation)
-        key = self.transducer, self.parameters, self._shunt, self.setting.drive, self.setting.sample_time
+        setting = self.setting
+        size = setting.size if any(effect.of_drive for effect in self.transducer.effects) else None
+        key = self.transducer, self.parameters, self._shunt, setting.drive, setting.sample_time, size
         known = self.systems.get(key)
         if known is None:
             known = self._lowered(replace(self.excitation, values=np.ones(2)))
@@ -215,15 +218,19 @@ class CircuitPrediction:
             return
         of = self if derivatives else self.plain
         outputs = [OUTPUT_OF.get(name, name) for name in wanted]
-        names = list(dict.fromkeys([*(NEEDED if of._sensing else ()), *outputs]))
+        sensing = {name: k for k, name in enumerate(wanted) if name in of._sensing}
+        names = list(dict.fromkeys([*(NEEDED if sensing else ()), *outputs]))
         places = [names.index(name) for name in outputs]
-        for begin, values, slopes in of._run(names, size, derivatives):
-            values, slopes = values[:, places], slopes[:, places]
+        for begin, true, changes in of._run(names, size, derivatives):
+            values, slopes = true[:, places], changes[:, places]
             of._through_load(wanted, values, slopes)
-            yield Block(begin, values, slopes, None)
+            if sensing:
+                of._read(begin, (true[:, : len(NEEDED)], changes[:, : len(NEEDED)]), sensing, values, slopes)
+            early = max(0, -begin)
+            yield Block(begin + early, values[early:], slopes[early:], None)
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Blocks (first sample, outputs, derivatives) of the engine's outputs; the displacement is its sensor's."""
+        """Blocks (first sample, outputs, derivatives) of the engine's outputs; the first may be before the record."""
         system, last = self.system, self.setting.count - 1
         signal = system.lowered.signal
         assert isinstance(signal, Ramps)
@@ -248,9 +255,7 @@ class CircuitPrediction:
                 else:
                     values = run.through(begin, end)
                     slopes = np.zeros((*values.shape, 0))
-                values, slopes = values[first:], slopes[first:]
-                self._read(self._drive[begin + first :][: len(values)], values, slopes)
-                yield begin + first, values, slopes
+                yield begin + first, values[first:], slopes[first:]
         except EngineError as error:
             raise PredictionError(str(error)) from None
 
@@ -267,18 +272,26 @@ class CircuitPrediction:
         return TimedSwitch(causes, changes, program)
 
     @cached_property
-    def _sensing(self) -> bool:
-        """True if the displacement sensor may read anything but the displacement."""
-        return self.setting.drive != "displacement" and reads_more(self._device, self.setting.drive)
+    def _sensing(self) -> set[str]:
+        """Channels whose sensors may read anything but the true value; a drive is measured as it is."""
+        return read_more(self._device, self.setting.drive) - {self.setting.drive}
 
-    def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
-        """Let the displacement sensor read in some samples, with these values of the drive."""
-        if not self._sensing:
-            return
-        lanes, device = slopes.shape[2], self._device
+    def _read(
+        self, begin: int, needed: tuple[np.ndarray, np.ndarray], channels: Mapping[str, int], values: np.ndarray,
+        slopes: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Let sensors read from some sample on."""
+        lanes, device, at = slopes.shape[2], self._device, begin + np.arange(len(values))
         tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
         devices = [device, *tangents, *[device] * (lanes - len(tangents))]
-        read_displacement(devices, self.setting.drive, drive, values, slopes, self.setting.sample_time)
+        setting = self.setting
+        time = at / (setting.count - 1) if self.record_time is not None else np.zeros(len(at))
+        samples = Samples(setting.drive, self._drive_at(at), time, setting.sample_time, setting.size)
+        read(devices, samples, needed, channels, values, slopes)
+
+    def _drive_at(self, samples: np.ndarray) -> np.ndarray:
+        """The drive at samples of the record."""
+        return self._drive[samples]
 
     def _through_load(self, wanted: Sequence[str], values: np.ndarray, slopes: np.ndarray) -> None:
         """Overwrite dc voltages by dc currents where these are wanted."""

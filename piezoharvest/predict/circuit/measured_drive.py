@@ -19,6 +19,7 @@ class MeasuredDrive(Samples):
     """
 
     values: np.ndarray = field(repr=False, compare=False)
+    size: tuple[float, float] | None = None  # type: ignore[misc]
     base: bool = False  # type: ignore[misc]
     imposed: bool = False  # type: ignore[misc]
 

@@ -18,6 +18,7 @@ class PeriodicDrive(Excitation):
     """
 
     harmonics: Harmonics = field(repr=False, compare=False)
+    size: tuple[float, float] | None = None  # type: ignore[misc]
     base: bool = False  # type: ignore[misc]
 
     @property

@@ -48,7 +48,8 @@ class PeriodicPrediction(CircuitPrediction):
     def excitation(self) -> PeriodicDrive:
         """The drive, periodic before and after the record, too."""
         assert self.setting.harmonics is not None
-        return PeriodicDrive(harmonics=self.setting.harmonics, base=self.setting.drive == "base_acceleration")
+        base = self.setting.drive == "base_acceleration"
+        return PeriodicDrive(harmonics=self.setting.harmonics, size=self.setting.size, base=base)
 
     @property
     def record_time(self) -> float | None:
@@ -76,11 +77,13 @@ class PeriodicPrediction(CircuitPrediction):
                 else:
                     values = run.through(begin, end)
                     slopes = np.zeros((*values.shape, 0))
-                self._read(harmonics.at(times[begin : end + 1]), values, slopes)
-                first = 1 + early - begin if begin == 1 else 1  # the sample before a block is not written again
+                first = 0 if begin == 1 else 1  # the sample before a block is not written again
                 yield begin + first - 1 - early, values[first:], slopes[first:]
         except EngineError as error:
             raise PredictionError(f"{error}; {ADVICE}") from None
+
+    def _drive_at(self, samples: np.ndarray) -> np.ndarray:
+        return self.excitation.harmonics.at(self.setting.sample_time * samples)
 
     @cached_property
     def linear(self) -> Prediction:

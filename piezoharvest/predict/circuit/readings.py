@@ -1,60 +1,84 @@
-"""Effects of the displacement sensor on predicted samples: what it reads beside the specimen, and its lag."""
+"""Effects of sensors on predicted samples: what each reads beside the true value, and the displacement's lag."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
 
 from piezoharvest.description.circuit import Row
+from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.parameters import STEP
 from piezoharvest.predict.prediction import PredictionError
 
 NEEDED = ("displacement", "velocity", "voltage", "current")
+OTHERS = ("acceleration", "dc_voltage", "dc_current")  # of which their own sensors alone may read a function
 
 
-class Readings:
+class Samples(NamedTuple):
+    """What passes while samples are taken, known without a prediction.
+
+    Attributes
+    ----------
+    drive_name : str
+    drive, time : (n,) array
+        In its unit; as a share of the record.
+    step : float
+        s.
+    size : (float, float) or None
+        Amplitude and frequency of the drive.
+    """
+
+    drive_name: str
+    drive: np.ndarray
+    time: np.ndarray
+    step: float
+    size: tuple[float, float] | None = None
+
+
+class Readings(Numbers):
     """Samples in the place of rows, on which the effects of a transducer act as on equations.
 
-    Only what they add to the displacement sensor is kept; what they add to the specimen is in the samples already.
+    Only what they add to the readings of sensors is kept; what they add to the specimen is in the samples already.
 
     Parameters
     ----------
     transducer : Transducer
-    drive_name : str
-    samples : mapping of str to (n,) array
-        The drive as "drive", and `NEEDED`; they may have complex steps.
-    sample_time : float
-        s.
+    samples : Samples
+    true : mapping of str to (n,) array
+        True values of `NEEDED` and of other channels; they may have complex steps.
     """
 
-    reads, size = True, None
+    reads = True
 
-    def __init__(
-        self, transducer: Transducer, drive_name: str, samples: Mapping[str, np.ndarray], sample_time: float
-    ) -> None:
-        self.transducer, self.drive_name = transducer, drive_name
-        self.drive, self.x, self.u = samples["drive"], samples["displacement"], samples["velocity"]
-        self.v, self.i = samples["voltage"], samples["current"]
-        self.drive_rate = np.gradient(self.drive, sample_time) if len(self.drive) > 1 else 0.0 * self.drive
-        self.one, self.time = np.ones_like(self.x), np.linspace(0.0, 1.0, len(self.x))
+    def __init__(self, transducer: Transducer, samples: Samples, true: Mapping[str, np.ndarray]) -> None:
+        self.transducer, self.drive_name, self.size = transducer, samples.drive_name, samples.size
+        self.x, self.u, self.v, self.i = (true[name] for name in NEEDED)
+        self.further = true
+        self.drive, self.time, self._step = samples.drive, samples.time, samples.step
+        self.drive_rate = np.gradient(self.drive, self._step) if len(self.drive) > 1 else 0.0 * self.drive
+        self.one = np.ones_like(self.x)
         self.v_t, self.q = self.v, 0.0 * self.x
         self.strain_charge = transducer.coupling * self.x
-        self._step, self._read, self._lags = sample_time, [], []
+        self._read: dict[str, list[Row]] = {}
+        self._lags: list[complex] = []
         for effect in transducer.effects:
             effect.act(self)
 
     @property
-    def differs(self) -> bool:
-        """True if the sensor reads anything but the displacement."""
-        return bool(self._read or self._lags)
+    def channels(self) -> set[str]:
+        """Channels whose sensors read anything but the true value."""
+        return {*self._read, *(["displacement"] if self._lags else [])}
 
-    def displacement(self) -> np.ndarray:
-        """What the sensor reads, (n,)."""
-        read = self.x + sum(self._read)
-        for time_constant in self._lags:
+    def of(self, channel: str) -> np.ndarray:
+        """What the sensor of a channel reads, (n,)."""
+        read = self.further[channel] + sum(self._read.get(channel, ()))
+        if np.any(np.isnan(read)):
+            raise PredictionError(f"behind diodes and switches no state is predicted that the sensor of {channel} has")
+        for time_constant in self._lags if channel == "displacement" else ():
             read = self._lagging(read, time_constant)
         return read
 
@@ -73,36 +97,26 @@ class Readings:
     # What effects call while they act.
 
     def read(self, row: Row, channel: str = "displacement") -> None:
-        """Add a displacement to the sensor's reading, m."""
-        if channel != "displacement":
-            raise PredictionError(f"behind diodes and switches no effect on the reading of the {channel} is predicted")
-        self._read.append(row)
+        """Add to what the sensor of a channel reads, in the channel's unit."""
+        self._read.setdefault(channel, []).append(row)
 
     def lag(self, time_constant: complex) -> None:
         """Put a first-order lag into the sensor."""
         self._lags.append(time_constant)
 
-    def product(self, first: Row, second: Row) -> Row:
-        """Product of two rows."""
-        return first * second
-
-    def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
-        """Power of a row, or of its positive part."""
-        if not positive:
-            return row**exponent
-        return np.where(np.real(row) > 0, np.where(np.real(row) > 0, row, 1.0) ** exponent, 0.0)
-
-    def hinge(self, row: Row, knot: complex, width: float) -> Row:
-        """Excess of a row over a knot, zero below it."""
-        return np.where(np.real(row) > np.real(knot), row - knot, 0.0)
-
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
-        """Ignore a state of the specimen."""
-        return 0.0 * self.x, 0.0 * self.x
+        """State of the specimen, which is not in the samples: no sensor may read it."""
+        return np.nan * self.x, np.nan * self.x
 
     def stop(self, row: Row, threshold: complex) -> Row:
-        """Ignore a stop of the specimen."""
-        return 0.0 * self.x
+        """Stop operator of samples between which the row does not turn, started from zero."""
+        found, now, limit = np.zeros(len(row), np.result_type(row, threshold)), 0.0, float(np.real(threshold))
+        for k, rise in enumerate(np.diff(row), 1):
+            now += rise
+            if abs(now.real) > limit:
+                now = np.sign(now.real) * threshold
+            found[k] = now
+        return found
 
     def equation(self, residual: Row) -> None:
         """Ignore an equation of the specimen."""
@@ -120,42 +134,43 @@ class Readings:
         """Ignore a force on the specimen."""
 
 
-def reads_more(transducer: Transducer, drive_name: str) -> bool:
-    """True if the displacement sensor reads anything but the displacement."""
-    nothing: dict[str, np.ndarray] = dict.fromkeys(("drive", *NEEDED), np.zeros(1))
-    return bool(transducer.effects) and Readings(transducer, drive_name, nothing, 1.0).differs
+def read_more(transducer: Transducer, drive_name: str) -> set[str]:
+    """Channels whose sensors read anything but the true value."""
+    if not transducer.effects:
+        return set()
+    nothing = dict.fromkeys((*NEEDED, *OTHERS), np.zeros(1))
+    return Readings(transducer, Samples(drive_name, np.zeros(1), np.zeros(1), 1.0), nothing).channels
 
 
-def read_displacement(
-    devices: Sequence[Transducer], drive_name: str, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray,
-    sample_time: float,
+def read(
+    devices: Sequence[Transducer], samples: Samples, needed: tuple[np.ndarray, np.ndarray], channels: Mapping[str, int],
+    values: np.ndarray, slopes: np.ndarray,
 ) -> None:  # fmt: skip
-    """Overwrite the displacement by what its sensor reads.
+    """Overwrite channels by what their sensors read.
 
     Parameters
     ----------
     devices : sequence of Transducer
         The transducer, then the same with a complex step for each derivative.
-    drive_name : str
-    drive : (n,) array
-    values : (n, outputs) array
-        `NEEDED` first.
-    slopes : (n, outputs, lanes) array
+    samples : Samples
+    needed : ((n, 4), (n, 4, lanes)) arrays
+        True values of `NEEDED`, and their derivatives.
+    channels : mapping of str to int
+        Places of channels in what follows.
+    values : (n, channels) array
+    slopes : (n, channels, lanes) array
         Their derivatives.
-    sample_time : float
-        s.
     """
+    own = list(channels.values())
+    true, changes = (np.concatenate([a, b[:, own]], axis=1) for a, b in zip(needed, (values, slopes), strict=True))
 
-    def sensor(device: Transducer, columns: np.ndarray) -> Readings:
-        return Readings(device, drive_name, {"drive": drive, **dict(zip(NEEDED, columns.T, strict=True))}, sample_time)
+    def sensors(device: Transducer, columns: np.ndarray) -> Readings:
+        return Readings(device, samples, dict(zip((*NEEDED, *channels), columns.T, strict=True)))
 
-    plain = sensor(devices[0], values[:, : len(NEEDED)])
-    if not plain.differs:
-        return
-    found = [
-        np.imag(sensor(device, values[:, : len(NEEDED)] + 1j * STEP * slopes[:, : len(NEEDED), s]).displacement())
-        for s, device in enumerate(devices[1:])
-    ]
-    values[:, 0] = plain.displacement()
-    for s, column in enumerate(found):
-        slopes[:, 0, s] = column / STEP
+    plain = sensors(devices[0], true)
+    for s, device in enumerate(devices[1:]):
+        moved = sensors(device, true + 1j * STEP * changes[..., s])
+        for name, c in channels.items():
+            slopes[:, c, s] = np.imag(moved.of(name)) / STEP
+    for name, c in channels.items():
+        values[:, c] = plain.of(name)

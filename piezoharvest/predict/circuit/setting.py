@@ -14,7 +14,7 @@ from piezoharvest.equations.terms import state_names
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.measured_drive import imposed_motion, straight_drive
 from piezoharvest.predict.discrete_model import Setting
-from piezoharvest.predict.drive import Drive, drive_of
+from piezoharvest.predict.drive import Drive, drive_of, size_of
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.gate import Edges
 from piezoharvest.records.harmonics import Harmonics
@@ -50,7 +50,8 @@ def _course(drive: str, values: np.ndarray) -> Drive:
 def _in_steady_state(setting: Setting, harmonics: Harmonics) -> Setting:
     """Setting with a periodic drive."""
     values = harmonics.at(setting.sample_time * np.arange(setting.count))
-    return replace(setting, first=float(values[0]), motion=drive_of(values), harmonics=harmonics)
+    size = size_of(values, setting.sample_time)
+    return replace(setting, first=float(values[0]), motion=drive_of(values), size=size, harmonics=harmonics)
 
 
 def periodic_setting(
@@ -128,6 +129,7 @@ def circuit_setting(
     names = state_names(transducer)[2 if drive == "displacement" else 0 :]
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
     setting = Setting(drive, shunt, sample_time, float(values[0]), _course(drive, values), len(values), gate=gate)
+    setting = replace(setting, size=size_of(values, sample_time))
     if drive == "displacement":
         x, u = setting.motion.coefficients[0, :2].tolist()
         # At rest electrodes have no voltage; by how much they have one is free.

@@ -79,6 +79,16 @@ def outward(knots: Any) -> np.ndarray:
     return np.where(np.signbit(np.real(np.asarray(knots))), -1.0, 1.0)
 
 
+def nominal_size(value: Any) -> float:
+    """Size of a number, which may be a batch of complex steps from it."""
+    return max(abs(float(np.real(np.ravel(value)[0]))), 1e-30)
+
+
+def numbers_of(values: np.ndarray) -> list[Any]:
+    """The last axis of an array as a list: of numbers, or of columns where there is a batch."""
+    return list(values) if values.ndim == 1 else list(np.moveaxis(values, -1, 0)[..., None])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Corners(Form):
     """Broken line: sum of c_j max(s_j (x - k_j), 0) over corners that face away from zero (s_j = sign of k_j)."""
@@ -185,7 +195,7 @@ class Knee(Form):
         return sum(parts, np.zeros(len(x)))
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        width = ROUNDED * max(abs(float(np.real(self.knee))), 1e-30)
+        width = ROUNDED * nominal_size(self.knee)
         parts = (s * self.factor * specimen.hinge(s * x, knee, width) for s, knee in self._corners)
         return sum(parts, 0.0 * x)
 
@@ -205,7 +215,7 @@ class DeadZone(Form):
         return self.factor * np.where(np.abs(x) < np.real(self.zone), x, np.sign(x) * self.zone)
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        width = ROUNDED * float(np.real(self.zone))
+        width = ROUNDED * nominal_size(self.zone)
         beyond = specimen.hinge(x, self.zone, width) - specimen.hinge(-1.0 * x, self.zone, width)
         return self.factor * (x - beyond)
 
@@ -250,7 +260,7 @@ class Power(Form):
     def _broken(self, specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
         """The same as a broken line, with corners that are close together where the power is most curved."""
         knots = np.linspace(0.0, 1.0, PIECES + 1) ** 2 * REACH
-        kinks = np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0)
+        kinks = numbers_of(np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0))
         both = [side * knot for side in self._sides for knot in knots[:-1]]  # -0.0 begins a piece below zero
         return broken_line(
             specimen, size, tuple(both), tuple((side if odd else 1.0) * kink for side in self._sides for kink in kinks)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
@@ -57,7 +59,7 @@ class Law(Effect):
     @property
     def absent(self) -> bool:
         """True if the function is zero everywhere."""
-        return not self.memory.delay if isinstance(self.memory, Delay) else self.form.absent
+        return not np.any(self.memory.delay) if isinstance(self.memory, Delay) else self.form.absent
 
     @property
     def passive_sign(self) -> int:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.parameters import Component, check_choice
 from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
-    "voltage": "V", "current": "A", "time": "", "amplitude": "", "frequency": "Hz",
+    "voltage": "V", "current": "A", "dc_voltage": "V", "dc_current": "A", "time": "", "amplitude": "",
+    "frequency": "Hz",
 }  # fmt: skip
-CHANNELS = ("force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current")
+CHANNELS = (
+    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
+    "dc_current",
+)  # fmt: skip
 INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time")
 
 
@@ -37,7 +42,7 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
         "current": specimen.i, "time": specimen.time, specimen.drive_name: specimen.drive,
         f"{specimen.drive_name}_rate": specimen.drive_rate,
     }  # fmt: skip
-    return rows.get(name)
+    return rows.get(name, specimen.further.get(name))
 
 
 @dataclass(frozen=True)
@@ -249,8 +254,8 @@ class OverTime(Place):
             return lambda row: specimen.product(change, row)
         if specimen.size is None:
             return None
-        size = np.asarray(specimen.size[SIZES.index(self.of)], float)
-        number = form.values(size.ravel()).reshape(size.shape)
+        numbers: Any = Numbers()
+        number = form.row(numbers, np.asarray(specimen.size[SIZES.index(self.of)], float))
         return lambda row: number * row
 
 

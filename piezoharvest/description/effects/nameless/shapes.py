@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.effects.nameless.forms import Array, Form, broken_line, outward
+from piezoharvest.description.effects.nameless.forms import Array, Form, broken_line, numbers_of, outward
 from piezoharvest.description.parameters import check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
@@ -52,8 +52,7 @@ class Curve(Form):
 
     def _kinks(self) -> tuple[Any, ...]:
         """Changes of slope at the knots, outward from zero, of the line through the curve at the knots."""
-        knots = np.array(self.knots)
-        kinks = np.zeros(len(knots), complex)
+        knots, kinks = np.array(self.knots), [0.0] * len(self.knots)
         for side in (1.0, -1.0):
             mine = np.flatnonzero(outward(knots) == side)
             mine = mine[np.argsort(np.abs(knots[mine]))]
@@ -61,8 +60,9 @@ class Curve(Form):
                 continue
             values = self.values(knots[mine])
             slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
-            kinks[mine[:-1]] = np.diff(slopes, prepend=0.0)
-        return tuple(kinks if np.any(np.imag(kinks)) else np.real(kinks))
+            for k, kink in zip(mine, numbers_of(np.diff(slopes, prepend=0.0)), strict=False):
+                kinks[k] = kink if np.any(np.imag(kink)) else np.real(kink)
+        return tuple(kinks)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,12 +29,13 @@ from piezoharvest.description.effects.nameless.forms import (
 )
 from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
-from piezoharvest.diagnose.discovery.knots import fine_knots
-from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted, without_law
+from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.problem import Problem
 
 SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
+PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
@@ -55,11 +56,11 @@ Made = Callable[[np.ndarray], Form]
 Start = tuple[Made, np.ndarray]
 
 
-def candidates(table: LawFit) -> list[Candidate]:
-    """Formulas for a table, the best first; each from several starts."""
+def candidates(table: LawFit, pieces: int = PIECES) -> list[Candidate]:
+    """Formulas for a table, the best first; each from several starts. Curves are broken lines of some pieces."""
     loss = _Loss(table)
     found: list[Candidate] = []
-    for starts in _families(table):
+    for starts in _families(table, pieces):
         tried = [loss.closest(make, start) for make, start in starts]
         done = [each for each in tried if each is not None]
         found += [min(done, key=lambda each: each.criterion)] if done else []
@@ -68,8 +69,8 @@ def candidates(table: LawFit) -> list[Candidate]:
 
 def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
-    tried = [table]
-    for each in candidates(table)[:REFITTED]:
+    tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
+    for each in candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else ():
         law = dataclasses.replace(table.law, form=each.form)
         found = fitted(problem, without_law(table), law, table.visited, aim=table.criterion)
         tried += [found] if found is not None and found.found.converged else []
@@ -131,7 +132,7 @@ class _Loss:
         return Candidate(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
 
 
-def _families(table: LawFit) -> Iterator[list[Start]]:
+def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     """Families of formulas, each with its starts."""
     place, low, high = table.place, float(table.visited.min()), float(table.visited.max())
     size = max(abs(low), abs(high))
@@ -151,7 +152,7 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
     if not place.bent:  # else it is a knee beside the model's straight line
         zones = size * np.linspace(0.04, 0.96, KNEES)
         yield [(lambda z: DeadZone(factor=z[0], zone=z[1]), np.array([zone])) for zone in zones]
-    yield from _curves(table, size)
+    yield from _curves(table, size, pieces)
 
 
 def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
@@ -174,9 +175,9 @@ def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
             yield [(make, np.zeros(0))]
 
 
-def _curves(table: LawFit, size: float) -> Iterator[list[Start]]:
+def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
     """Curves with a scale, which equations have as broken lines."""
-    place, even, dense = table.place, fine_knots(table.visited), fine_knots(table.visited, dense=True)
+    place, even, dense = table.place, *(fine_knots(table.visited, pieces, dense=each) for each in (False, True))
     for curve in CURVES:
         knots = dense if curve in SATURATING else even
         make = lambda z, c=curve, k=knots: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=k)  # noqa: E731
