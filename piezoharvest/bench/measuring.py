@@ -19,6 +19,7 @@ from piezoharvest.bench.solver.drive import merged
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.progress import Step
 from piezoharvest.study import Study, StudyError
 
 Effects = tuple[BenchEffect, ...]
@@ -93,7 +94,8 @@ def measure(study: Study, progress: Callable[[str], None] = lambda text: None) -
         bench, effects, setups = build_bench(study)
         records = []
         for n, setup in enumerate(setups):
-            progress(f"record {n + 1} of {len(setups)}: {setup.excitation.kind}, {setup.shunt.kind}")
+            what = f"record {n + 1} of {len(setups)}: {setup.excitation.kind}, {setup.shunt.kind}"
+            progress(Step(what, n, len(setups)))
             records.append(_record(study.transducer, bench, effects, setup, n))
     except ParameterError as error:
         raise StudyError(study.path, error.key, error.message) from None

@@ -452,7 +452,8 @@ def _failed(error: Exception) -> int:
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer, of whichever version
         context: Any = getattr(error, "ctx", None)
         command = context.command_path if context else "piezoharvest"
-        return _say(f"{error.format_message().rstrip('.')} (see {command} --help)", 2)  # pyright: ignore
+        said = error.format_message().rstrip(".").replace("Value error, ", "")  # of pydantic, in typer  # pyright: ignore
+        return _say(f"{said} (see {command} --help)", 2)
     from piezoharvest.cli.commands import BAD_INPUT
 
     if isinstance(error, BAD_INPUT):

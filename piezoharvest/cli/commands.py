@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.progress import telling
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError
 from piezoharvest.output import (
@@ -124,7 +125,8 @@ def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignRes
     from piezoharvest.design import design as run
 
     try:
-        result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+        with telling() as tell:
+            result = run(study, progress=tell)
     except ParameterError as error:
         raise StudyError(study.path, error.key, error.message) from None
     for text in result.notes:
@@ -159,7 +161,8 @@ def measure(path: Path, out: Path) -> int:
     study = driven_study(path)
     check_folder(out)
     try:
-        campaign = run(study, progress=note)
+        with telling() as tell:
+            campaign = run(study, progress=tell)
     except SolverError as error:
         note(f"piezoharvest: error: {path}: {error}; nothing was written")
         return 1

@@ -126,7 +126,7 @@ def _print_law(law: Discovery) -> None:
 
     rows = [["place", law.place], [f"of {law.law.place.input.replace('_', ' ')}", law.formula]]
     rows += [[name, with_error(value, std, unit)] for name, (value, std, unit) in law.parameters.items()]
-    rows += [["gain", percent(law.gain)], ["p", f"{law.p_value:.2g}"]]
+    rows += [["gain", percent(law.gain)], ["p", _p_value(law.p_value)]]
     rows += [[f"not {r.place} of {r.input.replace('_', ' ')}", f"log odds {r.log_odds:.3g}"] for r in law.rivals]
     tables.print_rows("", ["law without a name", ""], rows)
 
@@ -166,6 +166,11 @@ def _test_json(place: ResidualTest) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _p_value(value: float) -> str:
+    """A p-value for a table; one that is too small for a number is less than the smallest."""
+    return "< 1e-300" if value < 1e-300 else f"{value:.2g}"
+
+
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
 
@@ -183,7 +188,7 @@ def _print(found: Diagnosis) -> None:
         print(f"piezoharvest plan writes this record as a study.{elsewhere}")
     rows = [
         [named.effect.name if not k else "", name, value if isinstance(value, str) else with_error(value, std, unit),
-         "" if k else f"{named.p_value:.2g}", "" if k else percent(named.gain)]
+         "" if k else _p_value(named.p_value), "" if k else percent(named.gain)]
         for named in found.effects
         for k, (name, (value, std, unit)) in enumerate(values(named).items())
     ]  # fmt: skip
@@ -196,14 +201,15 @@ def _print(found: Diagnosis) -> None:
         for b, e in zip(found.before.estimates, found.estimates, strict=True)
     ]
     tables.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
+    records = "validation" if found.campaign.of_role("validate") else "fitted records"
     qualities = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
     rows = [
         [channel, *(engineering(quality[channel], response_unit(channel)) for quality in qualities)]
         for channel in found.validation_after.rms
     ]
-    tables.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
+    tables.print_rows("", [records, "residual before", "after", "noise alone"], rows)
     if found.left:
-        rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]
+        rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", _p_value(p.p_value)] for p in found.left]
         tables.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])
     if found.hints:
         rows = [

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.progress import telling
 from piezoharvest.output import check_file, check_new_directory
 from piezoharvest.study import StudyError
 
@@ -57,9 +58,10 @@ def on_campaign(
     for finding in campaign.warnings:
         note(f"warning: {finding}")
     try:
-        if of_several is not None and isinstance(campaign, SpecimenSet):
-            return of_several(campaign, note)
-        return run(campaign, note)
+        with telling() as tell:
+            if of_several is not None and isinstance(campaign, SpecimenSet):
+                return of_several(campaign, tell)
+            return run(campaign, tell)
     except PredictionError as error:
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
         return None
@@ -102,7 +104,7 @@ def remarks(found: Identification) -> list[str]:
     for role, quality in (("fitted", found.fit), ("validation", found.validation)):
         texts += [
             f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
-            "lacks something"
+            "lacks something, which piezoharvest diagnose looks for"
             for channel, noise in quality.noise.items()
             # The noise of a response depends on frequency: reported above.
             if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise

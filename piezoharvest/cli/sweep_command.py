@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study
-from piezoharvest.cli.notes import note, quiet
+from piezoharvest.cli.notes import note
+from piezoharvest.cli.progress import bar
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
@@ -60,20 +61,9 @@ def _report_outcome(result: SweepResult) -> int:
 @contextmanager
 def _progress() -> Iterator[Progress]:
     """Progress bar on stderr with rate and remaining time; nothing if stderr is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            return Text(f"{task.speed:.0f} designs/s" if task.speed else "- designs/s")
-
-    console = Console(stderr=True)
-    if quiet() or not console.is_terminal:
-        yield lambda done, total: None
-        return
-    columns = (BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn(), TextColumn("left"))
-    with Bar(*columns, console=console) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    with bar(rate="designs") as found:
+        if found is None:
+            yield lambda done, total: None
+            return
+        line, task = found
+        yield lambda done, total: line.update(task, completed=done, total=total)

@@ -59,8 +59,18 @@ def response_json(response: Response) -> dict[str, Any]:
     return {key: getattr(response, key) for key in _RESULT}
 
 
+def _without_zeros_of_failures(response: Response) -> Response:
+    """The response; one without results has NaN in the place of figures that are 0 because nothing was found."""
+    from piezoharvest.engine.response import FAILED
+
+    if not (response.message or "").startswith(FAILED):
+        return response
+    return dataclasses.replace(response, **dict.fromkeys(_FIGURES, math.nan))
+
+
 def print_responses(title: str, responses: Sequence[Response]) -> None:
     """Print one row for each shunt."""
+    responses = [_without_zeros_of_failures(response) for response in responses]
     noisy = any(r.displacement_rms is not None for r in responses)
     supplies = any(r.wakes_per_hour is not None for r in responses)
     columns = [
@@ -78,6 +88,9 @@ def print_responses(title: str, responses: Sequence[Response]) -> None:
         *(_supply_columns(responses) if supplies else []),
     ]
     _print_table(title, "shunt", [r.shunt for r in responses], columns, [r.converged for r in responses])
+
+
+_FIGURES = ("harvested_power", "mechanical_power", "displacement_amplitude", "voltage_amplitude", "dc_voltage")
 
 
 def _supply_columns(responses: Sequence[Response]) -> list[Column]:

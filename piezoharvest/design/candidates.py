@@ -30,6 +30,7 @@ from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host, Start, starts
+from piezoharvest.progress import Step
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
 _MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
@@ -74,7 +75,7 @@ class CandidateMaker:
 
     def candidate(self, draft: Draft) -> Candidate:
         """Tune a draft and check it."""
-        self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
+        self.progress(Step(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}"))
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
         if draft.late and not isinstance(draft.shunt, LinearShunt):
@@ -116,7 +117,7 @@ class CandidateMaker:
     def _tuned_late(self, draft: Draft, tuned: Tuned) -> Tuned:
         """The draft with its late fields tuned, too."""
         trial = self._trial_of(draft)
-        self.progress(f"{draft.kind}: tuning {', '.join(draft.late)}")
+        self.progress(Step(f"{draft.kind}: tuning {', '.join(draft.late)}"))
         if draft.late != ("time_lag",):
             tuned = tune_late(trial, draft, tuned, self.host)
             draft = replace(draft, shunt=tuned.shunt, smoothing=_kept(draft))
@@ -131,7 +132,7 @@ class CandidateMaker:
         """The draft tuned for its worst case, where that is asked for."""
         if self.robust is None or not self.options.worst_case:
             return tuned
-        self.progress(f"{draft.kind}: tuning for the worst case")
+        self.progress(Step(f"{draft.kind}: tuning for the worst case"))
         try:
             return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
         except ParameterError as error:
@@ -209,7 +210,7 @@ class CandidateMaker:
     def _add_notes(self, draft: Draft, found: Candidate, tuned: Shunt, message: str) -> None:
         """Add notes on a candidate: assumptions, unavailable parts, optima at their bounds, limits."""
         kind, note = found.shunt.kind, self.notes.append
-        self.progress(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB")
+        self.progress(Step(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB"))
         for text in draft.assumed:
             note(f"{kind}: assumed {text}")
         inductance = largest_inductance(found.shunt, self.capacitance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.frequency import SEARCH_WORK, FrequencySearch
 from piezoharvest.design.tuning.starts import Host
+from piezoharvest.progress import Step
 from piezoharvest.study import SYNTHESISED, DesignOptions, Study
 from piezoharvest.threads import single_threaded
 
@@ -124,10 +125,10 @@ class _Design:
         self.search = FrequencySearch(Trial(self.view), self.study.design.band)
 
         def candidate(draft: Draft) -> Candidate:
-            self.progress(f"{draft.kind}: seeking the best frequency")
+            self.progress(Step(f"{draft.kind}: seeking the best frequency"))
             self.search.trial.left = SEARCH_WORK
             frequency = self.search.best(draft)
-            self.progress(f"{draft.kind}: {frequency:.6g} Hz")
+            self.progress(Step(f"{draft.kind}: {frequency:.6g} Hz"))
             trial = Trial(self.search.view_at(frequency), left=self.trial.left)
             found = self._maker(trial).candidate(draft)
             self.trial.left = trial.left
@@ -160,7 +161,7 @@ class _Design:
         tracer = FrontTracer(self.view, self.host, self.maker.is_exact)
         found = []
         for draft, best in self.maker.tuned:
-            self.progress(f"{draft.kind}: front between power and damping")
+            self.progress(Step(f"{draft.kind}: front between power and damping"))
             front = tracer.front(draft, best)
             points = tuple(replace(point, shunt=as_network(point.shunt)) for point in front.points)
             found.append(replace(front, points=points))
@@ -171,12 +172,12 @@ class _Design:
         """Synthesis of a network, where it is asked for."""
         if SYNTHESISED not in (self.options.candidates or ()):
             return None
-        self.progress(f"{SYNTHESISED}: growing a network")
+        self.progress(Step(f"{SYNTHESISED}: growing a network"))
         return Synthesis(view, Host.of(view))
 
     def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
         """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
-        self.progress("bound of passive linear shunts")
+        self.progress(Step("bound of passive linear shunts", self.parts - 1, self.parts))
         linear = next((c for c in candidates if isinstance(c.shunt, LinearShunt)), None)
         if self.study.free_frequency:
             view = self.search.view_at((linear or candidates[0]).frequency or self.search.grid[0])
@@ -199,10 +200,12 @@ class _Design:
         value = figures.displacement_amplitude if self.goal.damping else -figures.harvested_power
         return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
 
-    def _candidates(self, drafts: Iterable[Draft], candidate: Callable[[Draft], Candidate]) -> list[Candidate]:
+    def _candidates(self, drafts: Sequence[Draft], candidate: Callable[[Draft], Candidate]) -> list[Candidate]:
         """Tune and check the drafts; those that exceed the budget are left out, unless no other is left."""
         found, refused = [], None
-        for draft in drafts:
+        self.parts = len(drafts) + 1  # with the bound
+        for n, draft in enumerate(drafts):
+            self.progress(Step(draft.kind, n, self.parts))
             try:
                 found.append(candidate(draft))
             except ParameterError as error:

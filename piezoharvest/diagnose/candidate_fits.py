@@ -26,6 +26,7 @@ from piezoharvest.identify.identifiability import size_of, undetermined
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Step
 
 FIT_TOLERANCE = 0.5  # of -2 ln L: predicted decrease at which a trial fit stops
 COARSE_FIT_TOLERANCE = 10.0  # the same, for a fit that only serves for scores
@@ -406,7 +407,7 @@ class CandidateFits:
         step = EffectChange(found, self.count_begun(model))
         names, change = " + ".join(step.effects), step.cost - self.base.cost
         self.fit_records.append(FitRecord(names, change, variance_inflation(found, -1)))
-        self.progress(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
+        self.progress(Step(f"tried {names or 'nominal values'}: misfit (-2 ln L) {change:+.1f}"))
         return step
 
 

@@ -53,6 +53,7 @@ from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Step
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.threads import single_threaded
 
@@ -352,7 +353,7 @@ def _diagnose_all(
     campaign: Campaign, progress: Callable[[str], None], library: Sequence[type[Effect]] | None
 ) -> Diagnosis:
     """Diagnosis with all samples of a campaign."""
-    progress("fitting the model")
+    progress(Step("fitting the model"))
     offsets = OFFSET_CHANNELS
     if voltage_is_off(campaign):
         progress("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
@@ -389,7 +390,7 @@ def _diagnose_roles(
     """Diagnosis with the roles of the records as they are."""
     campaign = before.campaign
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
-    progress("scoring the effects")
+    progress(Step("scoring the effects"))
     trials = CandidateFits(problem, before.found, library, progress, before.held)
     search = Searcher(trials).run()
     unseen, checks = validated(campaign, before, [before.found, *search.nested])

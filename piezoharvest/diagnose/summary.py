@@ -148,7 +148,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
-        return f"The model lacked {names}: with it, {100 * gain:.0f} % of the validation error above the noise is gone."
+        return f"The model lacked {names}: with it, {100 * gain:.0f} % of {_judged(diagnosis)} above the noise is gone."
     if diagnosis.discovery:
         return _verdict_of_laws(diagnosis)
     if diagnosis.verdict == "ambiguous":
@@ -163,10 +163,15 @@ def _verdict(diagnosis: Diagnosis) -> str:
     return f"Something is missing that no known effect explains.{found}{spoiled}"
 
 
+def _judged(diagnosis: Diagnosis) -> str:
+    """By which error an effect is judged: that of records that were kept back, if there are any."""
+    return "the validation error" if diagnosis.campaign.of_role("validate") else "the error of the fitted records"
+
+
 def _verdict_of_laws(diagnosis: Diagnosis) -> str:
     laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
     gain = sum(law.gain for law in diagnosis.discovery)
-    told = f"No known effect explains what was missing, but {laws}: with it, {100 * gain:.0f} % of the validation error"
+    told = f"No known effect explains what was missing, but {laws}: with it, {100 * gain:.0f} % of {_judged(diagnosis)}"
     if diagnosis.verdict == "new_effect":
         return f"{told} above the noise is gone."
     others = " or ".join(_at(" and ".join(names)) for names in diagnosis.alternatives)

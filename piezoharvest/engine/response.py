@@ -22,6 +22,9 @@ _SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge",
             "acceleration")  # fmt: skip
 
 
+FAILED = "simulation failed:"  # begins the message of a response without results, whose figures are all 0
+
+
 @dataclass(frozen=True, eq=False)
 class Waveforms:
     """Signals on a common time base, in SI units and the signs of docs/equations.md.

@@ -28,7 +28,7 @@ from piezoharvest.engine.plausibility import (
     uncertainty_message,
     without_rounding,
 )
-from piezoharvest.engine.response import Response, Waveforms, figure_of_merit
+from piezoharvest.engine.response import FAILED, Response, Waveforms, figure_of_merit
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
@@ -416,4 +416,4 @@ def _failed(kind: str, reason: str) -> Response:
     """Response without results, with the reason in its message."""
     entries = ("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss")
     nothing: dict[str, float] = {**dict.fromkeys(entries, 0.0), "closure": 1.0}
-    return Response(kind, False, f"simulation failed: {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)
+    return Response(kind, False, f"{FAILED} {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)

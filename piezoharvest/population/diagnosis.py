@@ -23,6 +23,7 @@ from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, Value, estimates_of, of_kind, values_of
 from piezoharvest.population.saving import save_all
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Step
 from piezoharvest.records.specimens import SpecimenSet
 
 Progress = Callable[[str], None]
@@ -197,8 +198,8 @@ def diagnose_specimens(
         As `diagnose`, for any of them.
     """
     found = []
-    for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
-        progress(f"{name}: by itself")
+    for n, (name, campaign) in enumerate(zip(specimens.names, specimens.campaigns, strict=True)):
+        progress(Step(f"{name}: by itself", n, len(specimens.names)))
         with errors_of(name):
             found.append(diagnose(campaign, named_progress(progress, name), library))
     form = joint_form(found, specimens.names, progress)

@@ -16,6 +16,7 @@ from piezoharvest.population.naming import errors_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, estimates_of, of_kind
 from piezoharvest.population.saving import save_all
+from piezoharvest.progress import Step
 from piezoharvest.records.specimens import SpecimenSet
 
 Progress = Callable[[str], None]
@@ -92,8 +93,8 @@ def identify_specimens(specimens: SpecimenSet, progress: Progress = lambda text:
         As `identify`, for any of them.
     """
     alone, members = [], []
-    for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
-        progress(f"{name}: by itself")
+    for n, (name, campaign) in enumerate(zip(specimens.names, specimens.campaigns, strict=True)):
+        progress(Step(f"{name}: by itself", n, len(specimens.names)))
         with errors_of(name):
             found = identify(campaign, named_progress(progress, name))
         problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.offsets)

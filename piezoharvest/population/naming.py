@@ -11,6 +11,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.candidate_fits import effect_key
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Step
 from piezoharvest.records.errors import CampaignError
 
 
@@ -29,7 +30,7 @@ def variable_name(parameter: Parameter, transducer: Transducer) -> str:
 
 def named_progress(progress: Callable[[str], None], name: str) -> Callable[[str], None]:
     """Progress messages of one specimen, which begin with its name."""
-    return lambda text: progress(f"{name}: {text}")
+    return lambda text: progress(Step(f"{name}: {text}") if isinstance(text, Step) else f"{name}: {text}")
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
         if part is not None and field.name in values:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
         elif key in values and "unit" in field.metadata:
-            values[key] = _in_si(values[key], unit_of(cls, field), f"{where}.{key}")
+            values[key] = in_si(values[key], unit_of(cls, field), f"{where}.{key}")
     try:
         checked = _model(cls).model_validate(values)
         return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
@@ -105,10 +105,10 @@ def unit_of(cls: type[Component], field: dataclasses.Field) -> str:
     return other[0] if other and issubclass(cls, Excitation) and (cls.base or cls.imposed) else first
 
 
-def _in_si(value: Any, unit: str, where: str) -> Any:
+def in_si(value: Any, unit: str, where: str) -> Any:
     """The value of a quantity, or the list of them, in its SI unit, where it is text with a unit ("52 nF")."""
     if isinstance(value, list):
-        return [_in_si(each, unit, f"{where}.{n}") for n, each in enumerate(value)]
+        return [in_si(each, unit, f"{where}.{n}") for n, each in enumerate(value)]
     if not isinstance(value, str):
         return value
     try:

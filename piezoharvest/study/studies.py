@@ -13,11 +13,12 @@ import numpy as np
 from piezoharvest.description import excitation
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import Component, ParameterError
+from piezoharvest.description.paths import found_at
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.study.building import build, build_excitation, build_list, build_shunt
+from piezoharvest.study.building import build, build_excitation, build_list, build_shunt, in_si, unit_of
 from piezoharvest.study.options import FREE, SYNTHESISED, DesignOptions, SweepOptions
 from piezoharvest.study.toml_file import StudyError, check_kind_of_file, read_toml
 from piezoharvest.study.transducers import transducer_of
@@ -158,10 +159,11 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         path=path,
         design=design,
         free_frequency=free,
-        sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=typed(dict, table.get("bench", {}), "bench"),
         specimen=specimen,
     )
+    if "sweep" in table:
+        study = dataclasses.replace(study, sweep=build(SweepOptions, _ends_in_si(table["sweep"], study), "sweep"))
     if study.transducer.quasi_static:
         raise ParameterError("transducer.quasi_static", "found true, which only a campaign of measured records may say")
     check_systems(study)
@@ -197,6 +199,30 @@ def _with_frequency(table: Any, design: DesignOptions | None) -> tuple[Any, bool
         return table, False  # building it says what is wrong
     middle = sum(design.band) / 2 if design and design.band else 1.0
     return {**table, "frequency": middle}, True
+
+
+def _ends_in_si(table: Any, study: Study) -> Any:
+    """Table [sweep] in which ends as text ("10 kohm") are numbers, in the unit of the value at their path."""
+    if not isinstance(table, dict) or not isinstance(table.get("parameters"), list):
+        return table  # building it says what is wrong
+    return {**table, "parameters": [_end_in_si(each, n, study) for n, each in enumerate(table["parameters"])]}
+
+
+def _end_in_si(parameter: Any, n: int, study: Study) -> Any:
+    """Table of a swept parameter with its ends as numbers, where they are text with a unit."""
+    texts = [key for key in ("from", "to") if isinstance(parameter, dict) and isinstance(parameter.get(key), str)]
+    root, _, path = str(parameter.get("path", "")).partition(".") if texts else ("", "", "")
+    try:
+        if root == "shunts":
+            place, _, path = path.partition(".")
+            part: Component = study.shunts[int(place)]
+        else:
+            part = {"transducer": study.transducer, "excitation": study.excitation}[root]
+        field = found_at(part, path)[1]
+    except (KeyError, IndexError, ValueError):
+        return parameter  # the sweep says that there is no such path, or that text without a unit is no number
+    converted = {key: in_si(parameter[key], unit_of(type(part), field), f"sweep.parameters.{n}.{key}") for key in texts}
+    return {**parameter, **converted}
 
 
 def _build_design(table: Any, folder: Path) -> DesignOptions:

@@ -119,6 +119,7 @@ def test_the_schema_of_campaigns():
         ],
     }  # fmt: skip
     CAMPAIGN.validate(campaign)
+    CAMPAIGN.validate({**campaign, "transducer": "specimen.toml"})
     for wrong in ({"file": "a.csv", "fil": 1}, {"kind": "frf", "file": "a.csv"}, {"file": "a.csv", "drive": "heat"}):
         assert not CAMPAIGN.is_valid({**campaign, "records": [wrong]})
 

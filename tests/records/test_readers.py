@@ -194,9 +194,9 @@ class TestFiles:
 
     def test_a_directory(self, tmp_path):
         (tmp_path / "run.csv").mkdir()
-        assert "directory" in failure(tmp_path / "run.csv", "x").message
+        assert "folder" in failure(tmp_path / "run.csv", "x").message
 
-    @pytest.mark.parametrize("name", ["run.xlsx", "run"])
+    @pytest.mark.parametrize("name", ["run.docx", "run"])
     def test_unknown_ending(self, tmp_path, name):
         (tmp_path / name).write_text("x")
         assert ".csv, .dat" in failure(tmp_path / name, "x").message

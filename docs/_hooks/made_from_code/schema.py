@@ -58,7 +58,7 @@ def campaign() -> Schema:
     """Schema of a campaign file."""
     tables: Schema = {
         "title": {"type": "string", "description": "text for reports"},
-        "transducer": _transducer(),
+        "transducer": {"anyOf": [{"type": "string", "description": "specimen file"}, _transducer()]},
         "channels": _channels(UNITS),
         "records": {"type": "array", "items": {"oneOf": [_entry(kind) for kind in ENTRIES]}, "minItems": 1},
         "experiment": of_component(BenchLimits),

@@ -13,6 +13,8 @@ from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.storage import Storage
 
+MOST_VOLTS = 1e6  # of a capacitor at the beginning: beyond it the engine finds no end of a first conduction
+
 
 @dataclass(frozen=True, kw_only=True)
 class Bridge(Shunt):
@@ -55,7 +57,7 @@ class Bridge(Shunt):
         "ohm", "series resistance of the smoothing capacitor", default=0.0, at_least=0, other_law_at_zero=True
     )
     initial_dc_voltage: float | None = quantity(
-        "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0
+        "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0, at_most=MOST_VOLTS
     )
     storage: Storage | None = None
 

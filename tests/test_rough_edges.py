@@ -1,0 +1,86 @@
+"""What commands say where something is rough: results that are none, p-values of zero, units in a sweep."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from piezoharvest.cli import main
+from piezoharvest.cli.diagnose_command import _p_value
+from piezoharvest.cli.tables import _FIGURES, _without_zeros_of_failures
+from piezoharvest.diagnose.summary import _judged
+from piezoharvest.engine.simulation import _failed
+from piezoharvest.study import StudyError, load_study
+
+STUDY = """[transducer]
+mass = 0.010
+damping = 0.0628
+stiffness = 986.96
+coupling = 1.0e-3
+capacitance = 40e-9
+[excitation]
+kind = "sine_base"
+amplitude = "1 g"
+frequency = 50.6
+[[shunts]]
+kind = "rectifier"
+smoothing_capacitance = 1e-6
+load_resistance = 1e6
+"""
+SWEEP = """[sweep]
+outputs = ["harvested_power"]
+parameters = [{ path = "PATH", from = "FROM", to = "TO", count = 3 }]
+"""
+
+
+def study(tmp_path, more="", **changes):
+    text = STUDY + more
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    (tmp_path / "study.toml").write_text(text)
+    return tmp_path / "study.toml"
+
+
+def test_figures_of_a_failed_simulation_are_none():
+    found = _without_zeros_of_failures(_failed("rectifier", "no end"))
+    assert all(math.isnan(getattr(found, name)) for name in _FIGURES)
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.0, "< 1e-300"), (1e-299, "1e-299"), (0.0123, "0.012")])
+def test_a_p_value_is_never_zero(value, text):
+    assert _p_value(value) == text
+
+
+@pytest.mark.parametrize(("kept", "words"), [((), "the error of the fitted records"), ((1,), "the validation error")])
+def test_what_an_effect_is_judged_by(kept, words):
+    assert _judged(SimpleNamespace(campaign=SimpleNamespace(of_role=lambda role: kept))) == words
+
+
+@pytest.mark.parametrize(
+    ("path", "ends", "wanted"),
+    [
+        ("shunts.0.load_resistance", ("10 kOhm", "1 Mohm"), (1e4, 1e6)),
+        ("excitation.amplitude", ("1 g", "2 g"), (9.80665, 19.6133)),
+        ("transducer.capacitance", ("10 nF", "20 nF"), (10e-9, 20e-9)),
+    ],
+)
+def test_ends_of_a_sweep_have_the_unit_of_what_is_swept(tmp_path, path, ends, wanted):
+    found = load_study(study(tmp_path, SWEEP, PATH=path, FROM=ends[0], TO=ends[1])).sweep.parameters[0]
+    assert (found.from_, found.to) == pytest.approx(wanted)
+
+
+def test_another_unit_in_a_sweep_is_refused(tmp_path):
+    path = study(tmp_path, SWEEP, PATH="shunts.0.load_resistance", FROM="1 kg", TO="2 kg")
+    with pytest.raises(StudyError, match=r"parameters\.0\.from: found the unit .kg., must be .* converts to ohm"):
+        load_study(path)
+
+
+def test_a_capacitor_does_not_begin_at_any_voltage(tmp_path):
+    with pytest.raises(StudyError, match=r"initial_dc_voltage: found 1e\+30, must be .* at most 1e\+06 V"):
+        load_study(study(tmp_path, "initial_dc_voltage = 1e30\n"))
+
+
+def test_an_unknown_beginning(capsys):
+    assert main(["new", "foo"]) == 2
+    said = capsys.readouterr().err
+    assert "'foo' is not one of" in said and "Value error" not in said
