@@ -214,7 +214,8 @@ def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, which the bench has no circuit for"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
-    if isinstance(shunt, WoundShunt) and not shunt.is_ideal:
+    cored = getattr(shunt, "core_resistance", None) is not None
+    if cored or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
         raise ParameterError(where, "found a coil with losses or a self-resonance, but the bench only has ideal ones")
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)

@@ -10,6 +10,10 @@ One row for each mode, columns by name, shapes normalised to unit modal mass:
 | `sensor` | kg^-1/2 | shape where the displacement is read; without the column, where the force acts |
 | `coupling_0`, `coupling_1`, ... | N/(V kg^1/2) | of the transducer's own and of each further pair of electrodes |
 | `base` | kg^1/2 | participation in a base acceleration a, which drives the mode with -base a; needed for one |
+
+A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes. A table `shapes` then says where
+force and sensor are, as `force = "12+Z"` (node, sign, direction; R before the direction for a rotation), and has the
+other columns as lists with a value for each mode: `coupling_0 = [...]`, `base = [...]`.
 """
 
 from __future__ import annotations
@@ -23,9 +27,13 @@ import numpy as np
 
 from piezoharvest.description.parameters import LARGEST, SMALLEST, ParameterError
 
-KEY = "modes_file"
+KEY, PLACES = "modes_file", "shapes"
 GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes",
          "modal", "datasheet", "catalogue")  # by the file  # fmt: skip
+_NOT_READ = (
+    "found what SPMWRITE writes (.spm), whose layout is not described in public; write its modes as a CSV file "
+    "(frequency and damping are in A, 'force' and 'coupling_0' are columns of the lower half of B, 'sensor' a row of C)"
+)
 _TWICE = f"found beside {KEY}, which gives it: take one of the two away"
 
 
@@ -48,7 +56,7 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             raise ParameterError(key, _TWICE)
     electrodes = table.get("electrodes", [])
     count = 1 + len(electrodes) if isinstance(electrodes, list) else 1
-    columns = _read(folder / name, name, count)
+    columns = _columns(folder / name, name, count, table.pop(PLACES, None))
     first = np.flatnonzero(columns["force"])
     if not len(first):
         raise ParameterError(KEY, f"{name}: found only zeros in column 'force', but some mode must move with it")
@@ -89,14 +97,65 @@ def _with_coupling(electrode: Any, coupling: list[float], k: int) -> Any:
     return {**electrode, "coupling": coupling}
 
 
+def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, np.ndarray]:
+    """Columns by name, of a file with rows of modes or with shapes at nodes."""
+    from piezoharvest.readers.uff import Uff
+
+    if not path.is_file():
+        folder = path.is_dir()
+        raise ParameterError(KEY, f"found {name!r}, which is {'a folder, not a file' if folder else 'no file here'}")
+    if path.suffix.lower() == ".spm":
+        raise ParameterError(KEY, f"{name}: {_NOT_READ}")
+    if path.suffix.lower() in Uff.suffixes:
+        columns = _at_places(path, name, electrodes, places)
+        for message, row in _faults(columns):
+            raise ParameterError(KEY, f"{name}, mode {row + 1}: {message}")
+        return {"sensor": columns["force"], **columns}
+    if places is not None:
+        raise ParameterError(PLACES, f"found beside {name}, whose columns say it: take it away")
+    return _read(path, name, electrodes)
+
+
+def _at_places(path: Path, name: str, electrodes: int, places: Any) -> dict[str, np.ndarray]:
+    """Columns from shapes at nodes of a universal file, and from the lists in the table that says where."""
+    from piezoharvest.readers import ReadError
+    from piezoharvest.readers.uff import ModeShapes
+
+    lists = [f"coupling_{k}" for k in range(electrodes)]
+    needed, known = ["force", *lists], ["force", "sensor", *lists, "base"]
+    if not isinstance(places, Mapping):
+        found = "missing table" if places is None else f"found {places!r:.40}, must be a table"
+        raise ParameterError(
+            PLACES, f"{found}, {name} has shapes at nodes: it takes force = '12+Z' and coupling_0 = [...]"
+        )
+    for key in [*needed, *places]:
+        if key not in places:
+            raise ParameterError(f"{PLACES}.{key}", f"missing key, needed for the shapes in {name}")
+        if key not in known:
+            raise ParameterError(f"{PLACES}.{key}", f"found, but allowed are {', '.join(known)}")
+    try:
+        shapes = ModeShapes(path)
+    except ReadError as error:
+        raise ParameterError(KEY, f"{name}: {error.message}") from None
+    columns = {"frequency_Hz": shapes.frequency, "damping_ratio": shapes.damping_ratio}
+    for key, value in places.items():
+        try:
+            columns[key] = shapes.at(str(value)) if key in ("force", "sensor") else np.asarray(value, float)
+        except ReadError as error:
+            raise ParameterError(f"{PLACES}.{key}", error.message) from None
+        except (TypeError, ValueError):
+            raise ParameterError(f"{PLACES}.{key}", f"found {value!r:.40}, must be a list of numbers") from None
+        if columns[key].shape != shapes.frequency.shape:
+            found = f"found {value!r:.40}, must be a list of {len(shapes.frequency)} numbers, one for each mode"
+            raise ParameterError(f"{PLACES}.{key}", f"{found} in {name}")
+    return columns
+
+
 def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
     """Columns of a file by name."""
     from piezoharvest.readers import ReadError, open_reader
 
     needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
-    if not path.is_file():
-        folder = os.path.isdir(path)
-        raise ParameterError(KEY, f"found {name!r}, which is {'a folder, not a file' if folder else 'no file here'}")
     try:
         with open_reader(path) as reader:
             wanted = needed + [column for column in ("sensor", "base") if column in reader.names]

@@ -1,11 +1,14 @@
-"""Universal files (.uff, .unv) of modal analysis: functions at nodal degrees of freedom, data set 58, text or binary.
+"""Universal files (.uff, .unv) of modal analysis: functions at degrees of freedom, shapes of modes at nodes.
+
+These are data sets 58, text or binary, and 55.
 
 Format: University of Cincinnati, Structural Dynamics Research Laboratory, "Universal File Formats",
-www.ceas3.uc.edu/sdrluff, data sets 58 and 164; read by pyuff, which is an extra of this package.
+www.ceas3.uc.edu/sdrluff, data sets 55, 58 and 164; read by pyuff, which is an extra of this package.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +21,7 @@ from piezoharvest.readers.units import Unit, ratio_of, unit_of
 
 _KINDS = {1: "signal", 2: "auto spectrum", 3: "cross spectrum", 4: "response", 5: "transmissibility", 6: "coherence"}
 _DIRECTIONS = {0: "", **{s * n: f"{'+' if s > 0 else '-'}{d}" for s in (1, -1) for n, d in enumerate("XYZ", 1)}}
+_FREEDOMS = ("X", "Y", "Z", "RX", "RY", "RZ")  # displacements and rotations of a node
 _TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
 _ABSCISSAE = {_TIME: "time_s", _FREQUENCY: "frequency_Hz"}
 # SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
@@ -82,8 +86,57 @@ class Uff(Reader):
         return Unit(f"data set 164, {dimension}", si, 1.0 / self._factors[dimension])
 
 
-def _read(path: Path) -> list[dict[str, Any]]:
-    """Data sets of a file; raises `ReadError`."""
+class ModeShapes:
+    """Real modes of a structure in a universal file: data sets 55 of normal modes, in the order of the file.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : (modes,) array
+        Hz, and viscous; half of a hysteretic damping ratio counts as viscous.
+
+    Raises
+    ------
+    ReadError
+        There is no mode, or one is complex, without a modal mass or at other nodes than the first.
+    """
+
+    def __init__(self, path: Path):
+        sets = _read(path, (55, 164))
+        units: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {"force": 1.0, "length": 1.0})
+        modes = [each for each in sets if each["type"] == 55]
+        if not modes:
+            raise ReadError("found no mode (data set 55) in the universal file")
+        self._nodes = np.asarray(modes[0]["node_nums"])
+        for n, each in enumerate(modes, 1):
+            if each["analysis_type"] != 2 or each["data_type"] != 2:
+                raise ReadError(f"mode {n} is not a real normal mode (analysis type 2), which is all that is taken")
+            if not each["modal_m"] > 0:
+                raise ReadError(f"mode {n} has a modal mass of {each['modal_m']:g}, which must be greater than 0")
+            if not np.array_equal(each["node_nums"], self._nodes):
+                raise ReadError(f"mode {n} is at other nodes than mode 1")
+        self.frequency = np.array([each["freq"] for each in modes])
+        self.damping_ratio = np.array([each["modal_damp_vis"] + 0.5 * each["modal_damp_his"] for each in modes])
+        # Shapes are lengths for a unit of the modal coordinate, and the modal mass is a mass times their square.
+        mass = np.array([each["modal_m"] for each in modes]) * units["length"] / units["force"]
+        shapes = [np.stack([each[f"r{k}"] for k in range(1, 7) if f"r{k}" in each], axis=1) for each in modes]
+        self._shapes = np.stack(shapes) / np.sqrt(mass)[:, None, None]
+
+    def at(self, place: str) -> np.ndarray:
+        """Shapes (modes,) of unit modal mass at a node in a direction, as "12+Z" or "12-RX"; raises `ReadError`."""
+        found = re.fullmatch(r"(\d+)([+-])(R?[XYZ])", place)
+        count = self._shapes.shape[2]
+        if found is None or int(found[1]) not in self._nodes or _FREEDOMS.index(found[3]) >= count:
+            nodes = f"{self._nodes.min()} to {self._nodes.max()}"
+            known = f"{', '.join(_FREEDOMS[:count])} at {len(self._nodes)} nodes from {nodes}"
+            raise ReadError(
+                f"found no {place!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
+            )
+        row = int(np.flatnonzero(self._nodes == int(found[1]))[0])
+        return (-1.0 if found[2] == "-" else 1.0) * self._shapes[:, row, _FREEDOMS.index(found[3])]
+
+
+def _read(path: Path, types: Sequence[int] = (58, 164)) -> list[dict[str, Any]]:
+    """Data sets of these types in a file; raises `ReadError`."""
     try:
         import pyuff  # pyright: ignore[reportMissingImports] - an extra
     except ImportError:
@@ -91,7 +144,7 @@ def _read(path: Path) -> list[dict[str, Any]]:
         raise ReadError(f"{needed}: pip install 'piezoharvest[uff]'") from None
     try:
         file = pyuff.UFF(str(path))
-        wanted = [n for n, number in enumerate(file.get_set_types()) if number in (58, 164)]
+        wanted = [n for n, number in enumerate(file.get_set_types()) if number in types]
         sets: list[dict[str, Any]] = [file.read_sets(n) for n in wanted]  # pyright: ignore[reportAssignmentType] - one
         for each in sets:
             if each["type"] == 58 and not len(each["data"]) == len(each["x"]) == each["num_pts"] > 0:

@@ -116,7 +116,7 @@ VARIANTS = {
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
-        {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING},
+        {"phase_lag": -0.2, "on_time_error": -0.2, "core_resistance": 3e3, **LEAKING},
     ],
     "series_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
@@ -137,8 +137,8 @@ VARIANTS = {
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},
     ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}, {**COIL, "phase_lag": 0.2, "on_time_error": 0.1}],
-    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0}],
-    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
+    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3}],
+    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}],
     "current_blocking": [{"coil_quality": 20.0}],
     "series_rl": [
         {"winding_resistance": 0.1 * IMPEDANCE, "core_resistance": 20 * IMPEDANCE},

@@ -5,14 +5,17 @@ import math
 
 import numpy as np
 import pytest
-from studies import inversion
+from oracles.ngspice import needs_ngspice
+from scipy.linalg import expm
+from studies import BENCH, inversion
 
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import SSDI, SSDS, SSDV, Short
+from piezoharvest.description.shunts import SSDI, SSDS, SSDV, ParallelSSHI, Short
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.engine import simulate
+from piezoharvest.engine import gradient, simulate
+from piezoharvest.spice.simulators.comparison import compare
 
 FORCE = 0.02
 
@@ -117,3 +120,54 @@ def test_the_resistance_of_a_switch_is_in_the_loop():
         simulate(System(device, dataclasses.replace(shunt, switch_resistance=3 * impedance)), drive)
     with pytest.raises(ParameterError, match="switch_resistance: found beside flip_time"):
         SSDI(flip_time=1e-4, quality=5.0, switch_resistance=1.0)
+
+
+def test_core_takes_its_share_of_an_inversion():
+    """The loop by itself, v and the current of the inductance, by a matrix exponential over its on-time."""
+    inductance, capacitance = 1e-5, BENCH["capacitance"]
+    root = np.sqrt(inductance / capacitance)
+    resistance, core = root / 5.0, 6.0 * root
+    both = resistance + core
+    rates = np.array(
+        [
+            [-1 / (both * capacitance), -core / (both * capacitance)],
+            [core / both / inductance, -core * resistance / both / inductance],
+        ]
+    )
+    closed = np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
+    wanted = expm(rates * closed)[0, 0]
+    shunt = SSDI(inductance=inductance, quality=5.0, core_resistance=core)
+    drive = SineForce(amplitude=0.02, frequency=50.6)
+    waves = simulate(System(Transducer(**BENCH), shunt), drive, samples=20000, attenuation=False).waveforms
+    opened = next(t for t, name in zip(waves.event_times, waves.event_names, strict=True) if name == "switch opens")
+    before, after = np.interp([opened - 2 * closed, opened + closed], waves.time, waves.voltage)
+    assert -0.75 < wanted < -0.4
+    assert after / before == pytest.approx(wanted, rel=1e-3)
+
+
+def test_gradient_of_a_core():
+    shunt, drive = SSDI(inductance=0.1, quality=5.0, core_resistance=1e4), SineForce(amplitude=0.02, frequency=50.6)
+    found = gradient(System(Transducer(**BENCH), shunt), drive)
+    slope = found.by["displacement_amplitude"][found.quantities.index("shunt.core_resistance")]
+    more, less = (
+        simulate(System(Transducer(**BENCH), dataclasses.replace(shunt, core_resistance=1e4 + step)), drive)
+        for step in (1.0, -1.0)
+    )
+    assert slope == pytest.approx((more.displacement_amplitude - less.displacement_amplitude) / 2.0, rel=1e-5)
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        SSDV(inductance=0.1, quality=5.0, source_voltage=1.0, core_resistance=1e4),
+        ParallelSSHI(inductance=0.1, quality=5.0, core_resistance=1e4, smoothing_capacitance=1e-7, load_resistance=5e5),
+    ],
+    ids=["ssdv", "parallel_sshi"],
+)
+def test_core_against_ngspice(shunt):
+    figures, trusted = compare(System(Transducer(**BENCH), shunt), SineForce(amplitude=0.02, frequency=50.6))
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure

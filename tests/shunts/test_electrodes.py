@@ -265,3 +265,76 @@ def test_what_is_wrong_with_a_file_or_a_place_is_told(tmp_path, old, new, key, m
     assert caught.value.key == key
     assert caught.value.message.startswith(message)
     assert is_sentence(caught.value.message)
+
+
+def universal(frequencies, ratios, masses, shapes, units=(1.0, 1.0)):
+    """Universal file as its description says (data sets 164 and 55): records of fixed columns, six values a node.
+
+    `shapes` (modes, nodes, 6); `units` are the factors from SI of length and force.
+    """
+    length, force = units
+    lines = ["    -1", "   164", f"{1:10d}{'SI: Meters (newton)':20s}{2:10d}"]
+    lines += [f"{length:25.16E}{force:25.16E}{1.0:25.16E}".replace("E", "D"), f"{273.15:25.16E}".replace("E", "D")]
+    lines += ["    -1"]
+    for n, (frequency, ratio, mass, shape) in enumerate(zip(frequencies, ratios, masses, shapes, strict=True), 1):
+        lines += ["    -1", "    55", *["NONE"] * 5, "".join(f"{word:10d}" for word in (1, 2, 3, 8, 2, 6))]
+        lines += ["".join(f"{word:10d}" for word in (2, 4, 1, n))]
+        lines += ["".join(f"{value:13.5E}" for value in (frequency, mass, ratio, 0.0))]
+        for node, values in enumerate(shape, 11):
+            lines += [f"{node:10d}", "".join(f"{value:13.5E}" for value in values)]
+        lines += ["    -1"]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("units", [(1.0, 1.0), (1000.0, 1.0)], ids=["m and N", "mm and N"])
+def test_a_host_by_its_shapes_in_a_universal_file(tmp_path, units):
+    """The same as by its columns, to the five digits of the file."""
+    pytest.importorskip("pyuff")
+    table = np.array([[float(word) for word in line.split(",")] for line in MODES.splitlines()[1:]])
+    frequency, ratio, force, sensor, *coupling, base = table.T
+    masses = np.array([0.5, 2.0, 1.5])  # of the modes as the file scales them
+    shapes = np.zeros((3, 2, 6))
+    shapes[:, 0, 2], shapes[:, 1, 3] = force, -sensor  # node 11 in +Z, and the rotation of node 12 about -X
+    shapes *= np.sqrt(masses)[:, None, None]
+    # A length of the file's is so many of it; its masses are in N s^2 over that length.
+    text = universal(frequency, ratio, masses * units[1] / units[0], shapes, units)
+    (tmp_path / "host.unv").write_text(text)
+    lists = "\n".join(f"coupling_{k} = {list(map(float, row))}" for k, row in enumerate(coupling))
+    places = f'[transducer.shapes]\nforce = "11+Z"\nsensor = "12-RX"\nbase = {list(map(float, base))}\n{lists}\n'
+    study = STUDY.replace("modes.csv", "host.unv").replace("[excitation]", places + "[excitation]")
+    found, wanted = studied(tmp_path, study=study).systems[0], studied(tmp_path).systems[0]
+    for by_base in (False, True):
+        pair = [frequency_response(system, np.array([40.0, 51.0, 300.0]), base=by_base) for system in (found, wanted)]
+        np.testing.assert_allclose(pair[0].displacement, pair[1].displacement, rtol=1e-4)
+        np.testing.assert_allclose(pair[0].voltage, pair[1].voltage, rtol=1e-4)
+
+
+COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
+
+
+@pytest.mark.parametrize(
+    ("name", "places", "key", "message"),
+    [
+        ("host.unv", "", "transducer.shapes", "missing table, host.unv has shapes at nodes"),
+        ("host.unv", "force = '11+Z'\ncoupling_0 = [1]", "transducer.shapes.coupling_1", "missing key"),
+        ("host.unv", "force = '9+Z'\ncoupling_0 = [1]\ncoupling_1 = [1]", "transducer.shapes.force", "found no '9+Z'"),
+        (
+            "host.unv", "force = '11+Z'\ncoupling_0 = [1, 2]\ncoupling_1 = [1]", "transducer.shapes.coupling_0",
+            "found [1, 2], must be a list of 1 numbers",
+        ),
+        ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
+        ("host.spm", "", "transducer.modes_file", "host.spm: found what SPMWRITE writes"),
+        ("modes.csv", "force = '11+Z'", "transducer.shapes", "found beside modes.csv"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_shapes_is_told(tmp_path, name, places, key, message):
+    pytest.importorskip("pyuff")
+    for file, mass in (("host.unv", 1.0), ("light.unv", 0.0)):
+        (tmp_path / file).write_text(universal([50.0], [0.01], [mass], np.ones((1, 2, 6))))
+    (tmp_path / "host.spm").write_text("A")
+    given = f"[transducer.shapes]\n{places}\n[excitation]" if places else "[excitation]"
+    with pytest.raises(StudyError) as caught:
+        studied(tmp_path, study=STUDY.replace("modes.csv", name).replace("[excitation]", given))
+    assert caught.value.key == key
+    assert caught.value.message.startswith(message)
+    assert is_sentence(caught.value.message)

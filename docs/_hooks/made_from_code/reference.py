@@ -109,6 +109,7 @@ def _study() -> str:
     own = [
         ("`catalogue`", "", "", "a name that `piezoharvest catalogue` lists", "entry whose keys are the defaults"),
         (f"`{modes_file.KEY}`", "", "", "a file", f"modes of the host in place of {', '.join(modes_file.GIVEN[:4])}"),
+        (f"`{modes_file.PLACES}`", "", "", "a table", "where in a universal file force and sensor are, and couplings"),
     ]
     parts = [
         '# Keys of a study\n\nA number with a unit may also be text with any unit of its kind: `"52 nF"`. `title` is a'

@@ -147,7 +147,8 @@ def _transducer() -> Schema:
     material = {"enum": list(catalogue.materials()), "description": "material whose constants are taken"}
     more = {
         "catalogue": {"enum": list(catalogue.names()), "description": "entry whose keys are the defaults"},
-        "modes_file": {"type": "string", "description": "modes of the host, one a row"},
+        "modes_file": {"type": "string", "description": "modes of the host, one a row, or shapes at nodes (.unv)"},
+        "shapes": {"type": "object", "description": "where in a universal file force and sensor are, and couplings"},
         "modal": of_component(Modal),
         "datasheet": _table("figures of a data sheet", {"material": material, **sheets}),
     }

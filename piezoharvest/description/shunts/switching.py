@@ -177,6 +177,40 @@ class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
         return replace(moved, on_time_error=self.swing_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class CoredSwitch(InductiveSwitch):
+    """A switched inductance whose core may lose energy: a resistance beside the inductance, behind that of the loop.
+
+    The switch is timed as for the loop without it. When it opens, the core takes what is left in the coil.
+    """
+
+    core_resistance: float | None = quantity(
+        "ohm", "resistance beside the inductance, the loss of the core; None: no loss", default=None, above=0
+    )
+
+    def coil_current(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace) -> Row:
+        """Current into the loop under the voltage `drive`: of the inductance and of the core."""
+        if self.core_resistance is None or not closed:
+            return self.loop_current(closed, port, z)
+        resistance = self.loop(port.capacitance)[1]
+        return (drive + self.core_resistance * z.current) / (resistance + self.core_resistance)
+
+    def coil_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
+        """L di/dt = R_c (current into the loop - i) while closed, without a core as `loop_equation`."""
+        if self.core_resistance is None or not closed:
+            return self.loop_equation(closed, drive, port, z, dz)
+        in_core = self.coil_current(closed, drive, port, z) - z.current
+        return self.loop(port.capacitance)[0] * dz.current - self.core_resistance * in_core
+
+    def coil_losses(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace) -> list[Product]:
+        """Power in the resistance of the loop and in the core."""
+        current, resistance = self.coil_current(closed, drive, port, z), self.loop(port.capacitance)[1]
+        if self.core_resistance is None or not closed:
+            return [Product(resistance, z.current, z.current)]
+        in_core = current - z.current
+        return [Product(resistance, current, current), Product(self.core_resistance, in_core, in_core)]
+
+
 def emptying_time(inductance: Any, resistance: Any, capacitance: Any) -> Any:
     """Seconds after which a capacitance has discharged through an inductance and a resistance, the first time."""
     decay = resistance / (2 * inductance)

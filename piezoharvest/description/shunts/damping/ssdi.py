@@ -6,11 +6,11 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDI(InductiveSwitch):
+class SSDI(CoredSwitch):
     """Open electrodes whose voltage is inverted through an inductance at every extremum: dry-friction-like damping."""
 
     kind: ClassVar[str] = "ssdi"
@@ -24,10 +24,11 @@ class SSDI(InductiveSwitch):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         closed = configuration == "closed"
-        return [port.i - self.loop_current(closed, port, z), self.loop_equation(closed, port.v, port, z, dz)]
+        current = self.coil_current(closed, port.v, port, z)
+        return [port.i - current, self.coil_equation(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return {"shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)]}
+        return {"shunt_loss": self.coil_losses(configuration == "closed", port.v, port, z)}
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"

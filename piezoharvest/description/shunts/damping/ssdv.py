@@ -8,11 +8,11 @@ from typing import ClassVar
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.bridge import sign_of
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDV(InductiveSwitch):
+class SSDV(CoredSwitch):
     """SSDI with a source in the loop that enlarges the inverted voltage, and delivers energy for it.
 
     At a maximum of sum T_i x_i the voltage is at its minimum: the source then drives it further up.
@@ -31,15 +31,22 @@ class SSDV(InductiveSwitch):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        drive = port.v - sign * self.source_voltage * port.one
-        return [port.i - self.loop_current(bool(sign), port, z), self.loop_equation(bool(sign), drive, port, z, dz)]
+        drive = self._drive(sign, port)
+        current = self.coil_current(bool(sign), drive, port, z)
+        return [port.i - current, self.coil_equation(bool(sign), drive, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)
+        drive = self._drive(sign, port)
+        current = self.coil_current(bool(sign), drive, port, z)
         return {
-            "shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)],
-            "source": [Product(-sign * self.source_voltage, port.one, z.current)],
+            "shunt_loss": self.coil_losses(bool(sign), drive, port, z),
+            "source": [Product(-sign * self.source_voltage, port.one, current)],
         }
+
+    def _drive(self, sign: int, port: Port) -> Row:
+        """Voltage across the coil with its resistance."""
+        return port.v - sign * self.source_voltage * port.one
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed+" if polarity > 0 else "closed-"

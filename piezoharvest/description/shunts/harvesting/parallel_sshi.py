@@ -8,11 +8,11 @@ from typing import ClassVar
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import diode_guards, sign_of
 from piezoharvest.description.shunts.cold_start import StartedSwitch
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParallelSSHI(InductiveSwitch, StartedSwitch):
+class ParallelSSHI(CoredSwitch, StartedSwitch):
     """Rectifier with a switched inductance across the electrodes that inverts their voltage at every extremum.
 
     The bridge and the inductance may conduct at the same time, as they do when the switch acts early or late.
@@ -33,14 +33,14 @@ class ParallelSSHI(InductiveSwitch, StartedSwitch):
             port_equation = self.conduction(sign, rectified, port, z, dz)
         else:
             port_equation = self.forward(port, z) - self._loop(configuration, port, z)
-        loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
+        loop = self.coil_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
         powers["shunt_loss"] += self.leads_loss(port, z)
-        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
+        powers["shunt_loss"] += self.coil_losses(configuration.startswith("closed"), port.v, port, z)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -53,7 +53,7 @@ class ParallelSSHI(InductiveSwitch, StartedSwitch):
         return configuration.replace("closed", "open")
 
     def _loop(self, configuration: str, port: Port, z: SimpleNamespace) -> Row:
-        return self.loop_current(configuration.startswith("closed"), port, z)
+        return self.coil_current(configuration.startswith("closed"), port.v, port, z)
 
     def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""
