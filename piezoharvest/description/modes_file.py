@@ -18,7 +18,6 @@ other columns as lists with a value for each mode: `coupling_0 = [...]`, `base =
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
