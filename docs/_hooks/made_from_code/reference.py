@@ -165,7 +165,7 @@ def _campaign() -> str:
         "# Keys of a campaign\n\n`title` is a text for reports. `[transducer]` has the nominal values, with the keys of"
         ' [a study](study.md#transducer); `quasi_static = true`, or `mass = "unknown"` or `damping = "unknown"`, is'
         " for a specimen that follows its drive without delay. An earlier specimen file may stand in its place:"
-        ' `transducer = "specimen.toml"`.\n",
+        ' `transducer = "specimen.toml"`.\n',
         _linked("[channels.NAME]", ChannelSource),
         f"| channel | SI unit | default column |\n|---|---|---|\n{channels}",
         "## [[records]]\n\nA record is one of these by its `kind`, signals over time without one.\n",
