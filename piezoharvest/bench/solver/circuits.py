@@ -271,13 +271,13 @@ class Digital(Circuit):
     delay: float
     resolution: float
     saturation: float | None
-    timed = True
 
     def __init__(self, shunt):
         from scipy.signal import bilinear
 
         super().__init__(shunt)
-        above, self.below = bilinear(self.numerator, self.denominator, 1.0 / self.sample_time)
+        above, below = bilinear(self.numerator, self.denominator, 1.0 / self.sample_time)
+        above, self.below = np.asarray(above, float), np.asarray(below, float)
         self.above = np.pad(above, (len(self.below) - len(above), 0))
         self.inputs, self.outputs = np.zeros(len(self.above)), np.zeros(len(self.below) - 1)
         late = self.delay / self.sample_time % 1.0
@@ -288,6 +288,10 @@ class Digital(Circuit):
 
     def meet(self, capacitance):
         self.storage = (self.sample_time**2 / capacitance,)
+
+    @property
+    def timed(self):
+        return True
 
     @property
     def due(self):
@@ -301,7 +305,7 @@ class Digital(Circuit):
         if self.resolution:
             read = self.resolution * math.floor(read / self.resolution + 0.5)
         self.inputs = np.append(read, self.inputs[:-1])
-        output = self.above @ self.inputs - self.below[1:] @ self.outputs
+        output = float(self.above @ self.inputs - self.below[1:] @ self.outputs)
         self.outputs = np.append(output, self.outputs)[: len(self.outputs)]
         limit = math.inf if self.saturation is None else self.saturation
         self.waiting.append((self.sample + self.delay, min(max(output, -limit), limit)))
