@@ -175,8 +175,9 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     deck.add("Lloop p l", inductance, point.condition("current"))
     ideal = impedance * max(IDEAL, 100 * impedance / float(resistance))
     deck.add("Rsnubber p l", ideal)
-    if getattr(shunt, "core_resistance", None) is not None:
-        deck.add("Rcore p l", shunt.core_resistance)
+    core = getattr(shunt, "core_resistance", None)
+    if core is not None:
+        deck.add("Rcore p l", core)
     deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins

@@ -101,7 +101,8 @@ def test_power_grows_with_the_square_of_the_force(name, decade):
 
 def has_thresholds(component):
     values = [getattr(component, f.name) for f in dataclasses.fields(component) if f.metadata.get("unit") in THRESHOLDS]
-    return any(values) or getattr(component, "storage", None) is not None  # which turns on at a voltage
+    # A supply turns on at a voltage, and what multiplies two signals is faster at larger ones.
+    return any(values) or getattr(component, "storage", None) is not None or bool(component.multiplied)
 
 
 @few
