@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.identify_command import on_campaign
+from piezoharvest.cli.campaigns import on_campaign
+from piezoharvest.cli.law_files import save_laws
 from piezoharvest.cli.notes import note
 from piezoharvest.output import check_file
 
@@ -54,19 +55,6 @@ def diagnose(
 
         print(write_diagnosis(found, report), file=sys.stderr if as_json else sys.stdout)
     return 0 if found.search.final.converged else 1
-
-
-def save_laws(found: Diagnosis, path: Path) -> None:
-    """Write the laws without a name as effect files: the first as asked, a second beside it; each with its test."""
-    from piezoharvest.diagnose.discovery.effect_file import save_effect
-    from piezoharvest.diagnose.discovery.effect_test import save_effect_test
-
-    if not found.discovery:
-        note(f"warning: no effect file {path}: there is no law without a name")
-    for n, law in enumerate(found.discovery, 1):
-        target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
-        save_effect(law, found.campaign.path.name, target)
-        note(f"effect: {target}, its test: {save_effect_test(target)}")
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:

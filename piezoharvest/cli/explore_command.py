@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from piezoharvest.cli.campaigns import on_campaign
 from piezoharvest.cli.commands import driven_study
-from piezoharvest.cli.identify_command import on_campaign
 from piezoharvest.cli.notes import note
 from piezoharvest.output import OutputError, check_file
 from piezoharvest.study import read_toml

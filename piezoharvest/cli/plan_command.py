@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import tomli_w
 
 from piezoharvest.cli import tables
+from piezoharvest.cli.campaigns import on_campaign
 from piezoharvest.cli.diagnose_command import plan_json
-from piezoharvest.cli.identify_command import on_campaign
 from piezoharvest.cli.notes import note
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import check_file, write_text

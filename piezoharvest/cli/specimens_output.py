@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
+from piezoharvest.cli.identification_output import identification_json as of_one
+from piezoharvest.cli.law_files import save_laws
 from piezoharvest.cli.notes import note
 
 if TYPE_CHECKING:
@@ -41,8 +43,6 @@ def diagnosed(
     found: SpecimensDiagnosis, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None
 ) -> int:
     """Print a diagnosis, write its reports, specimen files and laws; exit status."""
-    from piezoharvest.cli.diagnose_command import save_laws
-
     for doubt in found.doubts:
         note(f"warning: not to be trusted: {doubt}")
     if as_json:
@@ -65,8 +65,6 @@ def diagnosed(
 
 def identification_json(found: SpecimensIdentification) -> dict[str, Any]:
     """Result as a table of the JSON output: that of one specimen for the kind, with `specimens` and `population`."""
-    from piezoharvest.cli.identify_command import identification_json as of_one
-
     each = [of_one(one) for one in found.each]
     names = found.specimens.names
     return {

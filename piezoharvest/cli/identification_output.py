@@ -1,0 +1,43 @@
+"""An identification as a table of the JSON output."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from piezoharvest.identify import Estimate, Identification
+    from piezoharvest.identify.result import Quality
+
+
+def identification_json(found: Identification) -> dict[str, Any]:
+    """Result as a table of the JSON output."""
+    return {
+        "title": found.campaign.title,
+        "converged": found.converged,
+        "message": found.message,
+        "trusted": not found.doubts,
+        "warnings": [*found.doubts, *found.warnings],
+        "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
+        "fit": _quality(found.fit),
+        "validation": _quality(found.validation),
+        "records": [
+            {
+                "file": record.name,
+                "role": record.role,
+                **_quality(record.quality),
+                "own": dict(record.own),
+                "warning": record.warning,
+            }
+            for record in found.records
+        ],
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    keys = ("value", "std", "identifiable", "nominal", "assumes", "combination", "experiment", "note")
+    table = {key: getattr(estimate, key) for key in keys}
+    return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
+
+
+def _quality(quality: Quality) -> dict[str, Any]:
+    return {"rms": dict(quality.rms), "noise": dict(quality.noise)}
