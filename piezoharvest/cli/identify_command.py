@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.notes import note
-from piezoharvest.cli.progress import telling
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.output import check_file, check_new_directory
 from piezoharvest.study import StudyError
 
