@@ -5,8 +5,7 @@ import sys
 
 import pytest
 
-from piezoharvest.cli.notes import be_quiet
-from piezoharvest.cli.progress import _left, telling
+from piezoharvest.cli.notes import _left, be_quiet, telling
 from piezoharvest.progress import Step
 
 

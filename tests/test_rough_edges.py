@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from piezoharvest.cli import main
-from piezoharvest.cli.diagnose_command import _p_value
+from piezoharvest.cli.on_campaigns.diagnose_command import _p_value
 from piezoharvest.cli.tables import _FIGURES, _without_zeros_of_failures
 from piezoharvest.diagnose.summary import _judged
 from piezoharvest.engine.simulation import _failed

@@ -201,7 +201,7 @@ def identify(
     The records of a campaign are read, checked, and fitted at once. A parameter that they cannot determine keeps its
     nominal value and is reported as not identifiable.
     """
-    from piezoharvest.cli import identify_command
+    from piezoharvest.cli.on_campaigns import identify_command
 
     return partial(identify_command.identify, campaign, as_json=json, report=report, save=save)
 
@@ -223,7 +223,7 @@ def diagnose(
     is measured on the validation records. Where no known effect explains what is left, one law is sought
     at one place of the model: a function of one input, with its formula. What that does not explain is unexplained.
     """
-    from piezoharvest.cli import diagnose_command
+    from piezoharvest.cli.on_campaigns import diagnose_command
 
     return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save, save_effect=save_effect)
 
@@ -243,7 +243,7 @@ def plan(
     show to be possible, the record is planned that separates the two likeliest sets of effects best, or that shrinks
     the standard error of a parameter most. The result is a study that piezoharvest measure runs.
     """
-    from piezoharvest.cli import plan_command
+    from piezoharvest.cli.on_campaigns import plan_command
 
     return partial(plan_command.plan, campaign, out=out, parameter=parameter, as_json=json)
 

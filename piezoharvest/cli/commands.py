@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.notes import note
-from piezoharvest.cli.progress import telling
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError
 from piezoharvest.output import (

@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from piezoharvest.cli.campaigns import on_campaign
 from piezoharvest.cli.commands import driven_study
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.output import OutputError, check_file
 from piezoharvest.study import read_toml
 

@@ -1,9 +1,19 @@
-"""What commands say on stderr beside their results: progress, remarks, warnings."""
+"""What commands say on stderr beside their results: progress, remarks and warnings."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
+from piezoharvest.progress import Step
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+Tell = Callable[[str], None]
 _BEGINNINGS = ("warning:", "piezoharvest:")  # of what --quiet does not silence
 _quiet = False
 
@@ -23,3 +33,85 @@ def note(text: str) -> None:
     """Print progress, a remark or a warning to stderr."""
     if not _quiet or text.startswith(_BEGINNINGS):
         print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def telling() -> Iterator[Tell]:
+    """Function for messages: a `Step` moves a bar that is gone in the end, anything else is a remark that stays.
+
+    The time left is that of parts that take as long as those before, and shown where their number is known. Where
+    stderr is no terminal, each message is a line.
+    """
+    with bar("{task.description}", clock=True) as found:
+        if found is None:
+            yield note
+            return
+        line, task = found
+
+        def tell(text: str) -> None:
+            if not isinstance(text, Step):
+                line.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            elif text.total:
+                at = line.tasks[task].elapsed or 0.0
+                line.update(task, description=text, completed=text.done, total=text.total, at=at)
+            else:
+                line.update(task, description=text)
+
+        yield tell
+
+
+@contextmanager
+def bar(*texts: str, clock: bool = False, rate: str = "") -> Iterator[tuple[Bar, TaskID] | None]:
+    """A bar on stderr with the time left, and its one task; None where stderr is no terminal or --quiet is given.
+
+    Parameters
+    ----------
+    *texts : str
+        Further columns, in the format of `rich.progress.TextColumn`.
+    clock : bool
+        Show the time since the start as well.
+    rate : str
+        Show so many of these a second.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:.0f} {rate}/s" if task.speed else f"- {rate}/s")
+
+    class Left(ProgressColumn):
+        max_refresh = 0.5
+
+        def render(self, task: Task) -> Text:
+            at = task.fields.get("at")
+            known = at is not None
+            left = _left(task.completed, task.total, task.elapsed, at) if known else task.time_remaining
+            return Text("" if left is None else f"about {_clock(left)} left")
+
+    console = Console(file=sys.stderr)
+    if quiet() or not console.is_terminal:
+        yield None
+        return
+    times = [TimeElapsedColumn()] if clock else []
+    rates = [Rate()] if rate else []
+    columns = (BarColumn(), MofNCompleteColumn(), *rates, *times, Left(), *map(TextColumn, texts))
+    with Bar(*columns, console=console, transient=clock, speed_estimate_period=3600.0) as line:
+        yield line, line.add_task("", total=None)
+
+
+def _left(done: float, total: float | None, now: float | None, at: float) -> float | None:
+    """Time left, s, where `done` parts of `total` were done `at` a time; None where nothing is, or it is over."""
+    if not done or not total or now is None:
+        return None
+    left = at / done * (total - done) - (now - at)
+    return left if left > 0 else None
+
+
+def _clock(seconds: float) -> str:
+    """A time in hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study
-from piezoharvest.cli.notes import note
-from piezoharvest.cli.progress import bar
+from piezoharvest.cli.notes import bar, note
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 from diagnose_runs import campaign
 
 from piezoharvest.cli import main
-from piezoharvest.cli.diagnose_command import diagnosis_json
+from piezoharvest.cli.on_campaigns.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import BiasCurrent, registered
 from piezoharvest.diagnose import diagnose
 from piezoharvest.report import write_diagnosis

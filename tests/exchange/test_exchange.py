@@ -128,7 +128,7 @@ class TestShunt:
             (control.tf([0.0], [1]), "open electrodes"),
             (control.tf([1.0], [1, 0.5], True), "without a sample time"),
             (linearize(PLAIN), "one of each"),
-            (3.0, "found a float"),
+            (3.0, "found 3.0"),
         ],
     )
     def test_another_admittance_is_refused(self, system, words):

@@ -14,7 +14,7 @@ import tomli_w
 from messages import is_sentence
 from record_cases import stack_sine
 
-from piezoharvest.cli.campaigns import on_campaign
+from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.output import write_table
 from piezoharvest.readers.conversion import unit_factor
 from piezoharvest.records import CampaignError, load_campaign

@@ -50,7 +50,7 @@ def read(folder):
 def test_what_is_written_is_what_was_measured(run, tmp_path):
     status, out, err = run(tables(duration=0.5, truth=True))
     assert (status, out) == (0, "out/campaign.toml\n")
-    assert err == ""  # no progress where stderr is no terminal
+    assert err == "record 1 of 1: sine_force, resistor\n"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "campaign.toml", "truth.json", "01_sine_force_resistor.csv",
     }  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from nameless import Drive, Laws, nameless_campaign
 from remembering import searched
 
-from piezoharvest.cli.diagnose_command import diagnosis_json
+from piezoharvest.cli.on_campaigns.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.discovery.forms.formulas import candidates

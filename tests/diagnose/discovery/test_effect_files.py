@@ -12,7 +12,7 @@ import pytest
 
 from piezoharvest import Transducer
 from piezoharvest.cli import main
-from piezoharvest.cli.law_files import save_laws
+from piezoharvest.cli.on_campaigns.law_files import save_laws
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law

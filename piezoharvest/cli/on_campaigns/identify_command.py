@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.campaigns import on_campaign
-from piezoharvest.cli.identification_output import identification_json
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.on_campaigns.identification_output import identification_json
+from piezoharvest.cli.on_campaigns.running import on_campaign
 
 if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
@@ -19,7 +19,7 @@ MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 
 def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
     """Identify the parameters of a campaign, print them, write the report and the specimen."""
-    from piezoharvest.cli import specimens_output
+    from piezoharvest.cli.on_campaigns import specimens_output
     from piezoharvest.identify import Identification
     from piezoharvest.identify import identify as run
     from piezoharvest.population import identify_specimens

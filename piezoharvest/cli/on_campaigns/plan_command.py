@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import tomli_w
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.campaigns import on_campaign
-from piezoharvest.cli.diagnose_command import plan_json
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.on_campaigns.diagnose_command import plan_json
+from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import check_file, write_text
 from piezoharvest.study import StudyError

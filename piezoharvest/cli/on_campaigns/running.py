@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from piezoharvest.cli.notes import note
-from piezoharvest.cli.progress import telling
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.output import check_file, check_new_directory
 from piezoharvest.study import StudyError
 

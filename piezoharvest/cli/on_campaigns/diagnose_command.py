@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.campaigns import on_campaign
-from piezoharvest.cli.law_files import save_laws
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.on_campaigns.law_files import save_laws
+from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def diagnose(
     path: Path, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None = None
 ) -> int:
     """Diagnose a campaign, print the verdict, write the report, the specimen and the law."""
-    from piezoharvest.cli import specimens_output
+    from piezoharvest.cli.on_campaigns import specimens_output
     from piezoharvest.diagnose import Diagnosis
     from piezoharvest.diagnose import diagnose as run
     from piezoharvest.population import diagnose_specimens

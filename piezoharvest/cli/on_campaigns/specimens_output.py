@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.identification_output import identification_json as of_one
-from piezoharvest.cli.law_files import save_laws
 from piezoharvest.cli.notes import note
+from piezoharvest.cli.on_campaigns.identification_output import identification_json as of_one
+from piezoharvest.cli.on_campaigns.law_files import save_laws
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis

@@ -1,0 +1,1 @@
+"""Commands on campaigns: `identify`, `diagnose`, `plan`."""
