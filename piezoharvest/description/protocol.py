@@ -105,15 +105,13 @@ class EquationBuilder(SpecimenRows, Protocol):
         It has sensors, whose readings effects may change.
     size : (float, float) or None
         Amplitude and frequency (Hz) of the drive, arrays in a batch of designs; None where it has none.
+    further : mapping of str to Row
+        Channels that not every model has, by name.
     """
 
     reads: bool
     size: Any
-
-    @property
-    def further(self) -> Mapping[str, Row]:
-        """Rows of channels that not every model has, by name."""
-        ...
+    further: Mapping[str, Row]
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state with energy of about storage z^2/2, and give it an equation; return rows of it and its rate."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,7 +115,7 @@ class Terms:
     """
 
     reads = False
-    further: ClassVar[Rows] = {}
+    further: Mapping[str, Row] = MappingProxyType({})
 
     def __init__(
         self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import ClassVar, NamedTuple
+from types import MappingProxyType, SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -129,7 +129,7 @@ class RecordModel:
     """
 
     reads = True
-    further: ClassVar[Mapping[str, Row]] = {}
+    further: Mapping[str, Row] = MappingProxyType({})
 
     def __init__(
         self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float,

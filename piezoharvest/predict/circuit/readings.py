@@ -138,7 +138,7 @@ def read_more(transducer: Transducer, drive_name: str) -> set[str]:
     """Channels whose sensors read anything but the true value."""
     if not transducer.effects:
         return set()
-    nothing = dict.fromkeys((*NEEDED, *OTHERS), np.zeros(1))
+    nothing: dict[str, np.ndarray] = dict.fromkeys((*NEEDED, *OTHERS), np.zeros(1))
     return Readings(transducer, Samples(drive_name, np.zeros(1), np.zeros(1), 1.0), nothing).channels
 
 

@@ -81,7 +81,7 @@ def outward(knots: Any) -> np.ndarray:
 
 def nominal_size(value: Any) -> float:
     """Size of a number, which may be a batch of complex steps from it."""
-    return max(abs(float(np.real(np.ravel(value)[0]))), 1e-30)
+    return max(abs(float(np.asarray(value, complex).ravel()[0].real)), 1e-30)
 
 
 def numbers_of(values: np.ndarray) -> list[Any]:

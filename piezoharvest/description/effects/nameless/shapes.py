@@ -52,7 +52,8 @@ class Curve(Form):
 
     def _kinks(self) -> tuple[Any, ...]:
         """Changes of slope at the knots, outward from zero, of the line through the curve at the knots."""
-        knots, kinks = np.array(self.knots), [0.0] * len(self.knots)
+        knots = np.array(self.knots)
+        kinks: list[Any] = [0.0] * len(self.knots)
         for side in (1.0, -1.0):
             mine = np.flatnonzero(outward(knots) == side)
             mine = mine[np.argsort(np.abs(knots[mine]))]
@@ -60,7 +61,8 @@ class Curve(Form):
                 continue
             values = self.values(knots[mine])
             slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
-            for k, kink in zip(mine, numbers_of(np.diff(slopes, prepend=0.0)), strict=False):
+            changes: np.ndarray = np.diff(slopes, prepend=0.0)
+            for k, kink in zip(mine.tolist(), numbers_of(changes), strict=False):
                 kinks[k] = kink if np.any(np.imag(kink)) else np.real(kink)
         return tuple(kinks)
 
