@@ -21,12 +21,18 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
 
 POINTS = 81  # inputs over the visited range at which a table may give no energy: twice as dense as its corners and more
+SWING = 0.01  # of the gain by a law: more than a table's swing beside a knee costs (a thousandth, measured)
 ROUNDING = 1e-9  # of the largest power: less is none
 
 
-def takes_energy(problem: Problem, table: LawFit) -> bool:
-    """False if a table at a port gives energy, beyond the odds at which a place is ruled out."""
-    return price_of_passivity(table, own_slope(problem, table)) < 2.0 * thresholds.MIN_LOG_ODDS
+def takes_energy(problem: Problem, table: LawFit, gain: float = 0.0) -> bool:
+    """False if a table at a port gives energy, beyond the odds at which a place is ruled out.
+
+    A law that is sharper than the table between two of its corners swings about zero beside it, for which nothing gives
+    energy: what that costs is a small share of the gain (-2 ln L) by the law.
+    """
+    odds = max(2.0 * thresholds.MIN_LOG_ODDS, SWING * gain)
+    return price_of_passivity(table, own_slope(problem, table)) < odds
 
 
 def own_slope(problem: Problem, table: LawFit) -> float:

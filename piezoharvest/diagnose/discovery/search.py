@@ -127,7 +127,7 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Call
         if found is None:
             continue
         progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
-        if takes_energy(problem, found):
+        if takes_energy(problem, found, start.cost - found.found.cost):
             done.append(found)
         else:
             progress(f"there it would give energy, so that it is no law of the {found.place.name}")
