@@ -63,7 +63,7 @@ class Curve(Form):
             slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
             changes: np.ndarray = np.diff(slopes, prepend=0.0)
             for k, kink in zip(mine.tolist(), numbers_of(changes), strict=False):
-                kinks[k] = kink if np.any(np.imag(kink)) else np.real(kink)
+                kinks[k] = kink if np.any(np.iscomplex(kink)) else kink.real
         return tuple(kinks)
 
 
