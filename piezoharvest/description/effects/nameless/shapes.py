@@ -62,8 +62,9 @@ class Curve(Form):
             values = self.values(knots[mine])
             slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
             changes: np.ndarray = np.diff(slopes, prepend=0.0)
-            for k, kink in zip(mine.tolist(), numbers_of(changes), strict=False):
-                kinks[k] = kink if np.any(np.iscomplex(kink)) else kink.real
+            for k, change in zip(mine.tolist(), numbers_of(changes), strict=False):
+                kink = np.asarray(change, complex)
+                kinks[k] = kink if np.any(kink.imag) else kink.real
         return tuple(kinks)
 
 
