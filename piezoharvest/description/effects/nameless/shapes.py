@@ -62,10 +62,14 @@ class Curve(Form):
             values = self.values(knots[mine])
             slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
             changes: np.ndarray = np.diff(slopes, prepend=0.0)
-            for k, change in zip(mine.tolist(), numbers_of(changes), strict=False):
-                kink = np.asarray(change, complex)
-                kinks[k] = kink if np.any(kink.imag) else kink.real
+            for k, kink in zip(mine.tolist(), numbers_of(changes), strict=False):
+                kinks[k] = kink if _has_step(kink) else kink.real
         return tuple(kinks)
+
+
+def _has_step(value: Any) -> bool:
+    """True if a number, or one of a batch, has a complex step."""
+    return bool(np.count_nonzero(value.imag))
 
 
 @dataclass(frozen=True, kw_only=True)
