@@ -206,8 +206,8 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
     return build_excitation({"kind": kind, **own, **table} if same else table, study.path.parent, where)
 
 
-def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
-    """Shunt including the current's sense resistor; raises if the bench cannot build it."""
+def check_shunt(shunt: Shunt, where: str) -> None:
+    """Raise `ParameterError` if the bench cannot build a circuit."""
     for key in ("storage", "initial_dc_voltage", "smoothing_resistance", "start_voltage"):
         if getattr(shunt, key, None):
             raise ParameterError(f"{where}.{key}", "found on the virtual bench, which has loads and begins at rest")
@@ -217,6 +217,11 @@ def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     cored = getattr(shunt, "core_resistance", None) is not None
     if cored or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
         raise ParameterError(where, "found a coil with losses or a self-resonance, but the bench only has ideal ones")
+
+
+def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
+    """Shunt including the current's sense resistor; raises if the bench cannot build it."""
+    check_shunt(shunt, where)
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)
     if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.bench.effects import registered
+from piezoharvest.bench.settings import check_shunt
 from piezoharvest.bench.solver import CIRCUITS, Model, SolverError, integrate
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.paths import component_table
@@ -116,7 +117,9 @@ def _on_the_bench(study: Study) -> Model | None:
     own = [build(known[effect.name], component_table(effect), effect.name) for effect in effects]
     for effect in own:
         shunt = effect.connect(shunt)
-    if shunt.kind not in CIRCUITS:
+    try:
+        check_shunt(shunt, "shunts.0")
+    except ParameterError:
         return None
     model = Model(study.transducer, CIRCUITS[shunt.kind](shunt), base=study.excitation.base)
     for effect in own:

@@ -28,6 +28,8 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.prediction import PredictionError
 
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
+# Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
+ENGINE_FITS = 5
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 RIVALS = 4  # other places that are reported
 
@@ -87,7 +89,8 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     progress : callable
     """
     scored = _scored(problem, start)
-    done = _fits(problem, start, promising(scored, mean_square(start)), progress)
+    chosen = promising(scored, mean_square(start))
+    done = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
     if not done:
         return None
     table, forms = _likeliest(problem, start, done)
