@@ -468,7 +468,7 @@ class TestFrequencyRecords:
         ("text", "table", "key"),
         [
             (FRF, {"frequency_Hz": FREQUENCIES, "magnitude": FREQUENCIES}, "response"),
-            (FRF, {"f": FREQUENCIES, "real": FREQUENCIES, "imaginary": FREQUENCIES}, "frequency"),
+            (FRF, {"line": FREQUENCIES, "real": FREQUENCIES, "imaginary": FREQUENCIES}, "frequency"),
             (FRF + '[records.channels]\nmagnitude = { column = "a" }\n', {"frequency_Hz": FREQUENCIES}, "magnitude"),
             (FRF + '[records.channels]\nmagnitude = { unit = "mm" }\n', {"frequency_Hz": FREQUENCIES},
              "records.0.channels.magnitude.unit"),
@@ -776,7 +776,7 @@ class TestSweeps:
         table = {"frequency_Hz": FREQUENCIES, name: level, "phase_rad": np.angle(impedance)}
         own = f'channels = {{ magnitude = {{ column = "{name}" }} }}\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=table)
-        assert "found the unit 'dB' in the file" in error.message
+        assert "found levels in dB in the file" in error.message
 
 
 def write_h5(path, data):
