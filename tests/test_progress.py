@@ -37,8 +37,9 @@ def test_a_terminal_sees_parts_and_remarks(monkeypatch):
     assert "of a length that is not known" in text and "3/4" in text
 
 
-def test_nothing_but_remarks_where_there_is_no_terminal(monkeypatch):
-    assert told(io.StringIO(), monkeypatch) == "a remark [that] stays\n"
+def test_each_message_is_a_line_where_there_is_no_terminal(monkeypatch):
+    lines = ["the first part", "a remark [that] stays", "the fourth part", "of a length that is not known"]
+    assert told(io.StringIO(), monkeypatch).splitlines() == lines
 
 
 def test_quiet_is_quiet_on_a_terminal(monkeypatch):

@@ -86,6 +86,7 @@ class Draw:
             "m": displacement, "N": self.force, "kg": mass, "N/m": stiffness, "S": omega * capacitance, "rad": 0.3,
             "N/V": coupling, "N s/m": stiffness / omega / 30.0, "1/V^2": 0.1 / voltage**2, "": 1.0,
             "V/C": 1 / capacitance, "N/m^3": 0.1 * stiffness / displacement**2, "m/s^2": self.force / mass,
+            "1/(A^2 s)": 0.02 * omega / (omega * capacitance * voltage) ** 2,
             "C/m^2": 0.1 * coupling / displacement, "m/N^(2/3)": 0.1 * displacement / self.force ** (2 / 3), "W": 1e-4,
         }  # fmt: skip
         self.resonances = (frequency, frequency * math.sqrt(1 + squared))

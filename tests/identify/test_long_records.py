@@ -10,7 +10,7 @@ from identify.identify_runs import campaign_file
 from identify.test_identify import within
 from scipy.interpolate import CubicSpline
 
-from piezoharvest.identify import identification, identify
+from piezoharvest.identify import growing_fit, identify
 from piezoharvest.predict import drive
 from piezoharvest.records import load_campaign
 
@@ -46,7 +46,7 @@ def test_records_whose_beginning_is_fitted_first_give_the_same(tmp_path, monkeyp
     path, truth = campaign_file(tmp_path, 2)
     whole = identify(load_campaign(path))
     told: list[str] = []
-    monkeypatch.setattr(identification, "INITIAL_SAMPLES", 6000)
+    monkeypatch.setattr(growing_fit, "INITIAL_SAMPLES", 6000)
     parts = identify(load_campaign(path), told.append)
     assert parts.converged
     within(parts, truth, 3.5)
@@ -91,14 +91,14 @@ def many_records(folder, count=8, samples=500):
 
 
 def test_of_many_records_some_of_each_load_are_fitted_first(tmp_path, monkeypatch):
-    campaign, counts, started = many_records(tmp_path), [], identification.fit_past_jumps
+    campaign, counts, started = many_records(tmp_path), [], growing_fit.fit_past_jumps
 
     def seen(problem, *rest):
         counts.append(sorted(each.setting.shunt.resistance for each in problem.data))
         return started(problem, *rest)
 
-    monkeypatch.setattr(identification, "fit_past_jumps", seen)
-    monkeypatch.setattr(identification, "SOME_RECORDS", 1)
+    monkeypatch.setattr(growing_fit, "fit_past_jumps", seen)
+    monkeypatch.setattr(growing_fit, "SOME_RECORDS", 1)
     found = identify(campaign)
     assert counts == [[1e5, 1e6]]
     assert found.converged and len(found.found.nuisance) == 8

@@ -7,6 +7,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from piezoharvest.identify import identification
 from piezoharvest.identify.frequency import modal_fit
 from piezoharvest.identify.hysteresis import loops
+from piezoharvest.records.campaign import Campaign
 
 
 def threads():
@@ -21,7 +22,7 @@ FITS = {
         modal_fit, "_start",
         lambda: modal_fit.select_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), np.ones((98, 1, 1)), [1]),
     ),
-    "records": (identification, "prepared", lambda: identification.identify(None)),
+    "records": (identification, "prepared", lambda: identification.identify(Campaign.__new__(Campaign))),
 }  # fmt: skip
 
 

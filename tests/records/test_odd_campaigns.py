@@ -96,7 +96,7 @@ class TestPaths:
 
     @pytest.mark.parametrize(
         ("name", "found"),
-        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "Is a directory"),
+        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "found a folder"),
          ("loop.csv", "symbolic"), ("a\0b.csv", "no name of a file"), ("a" * 300 + ".csv", "too long"),
          ("gone.csv", "No such file")],
     )  # fmt: skip
