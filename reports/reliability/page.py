@@ -34,7 +34,7 @@ def _of_distances(rows: Sequence[dict[str, Any]]) -> list[str]:
     lines = [
         "## Beside another solver", "",
         f"{len(rows)} of such studies (seeds {min(row['seed'] for row in rows)} and above; `python -m "
-        "reports.reliability --oracle`), a third of them with hysteresis and a third stiff, run from rest over eight "
+        "reports.reliability --oracle`), drawn from three strata, run from rest over eight "
         "periods by the engine and by the bench's solver, with equations and a method of its own (Radau IIA). The "
         "distance is the root mean square of the difference over that of the signal, the largest of displacement and "
         "voltages.", "",
