@@ -57,7 +57,7 @@ def stratum(study: Study) -> str:
 def length_of(study: Study) -> float:
     """Length of the run, s."""
     period = study.excitation.period
-    return PERIODS * period if period else float(study.excitation.duration)
+    return PERIODS * period if period else study.excitation.length or 0.0
 
 
 def compare(seed: int) -> dict[str, Any]:
