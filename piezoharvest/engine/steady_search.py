@@ -149,7 +149,7 @@ class Shooting:
 
 
 class EngineError(ArithmeticError):
-    """The simulation cannot continue: chatter, overflow, equations without a solution, or too much to compute."""
+    """The simulation cannot continue: chatter, overflow, no solution, or too much to compute or to remember."""
 
 
 def check(status: int) -> None:
@@ -158,7 +158,8 @@ def check(status: int) -> None:
     Raises
     ------
     EngineError
-        The model chatters, its state overflows, its equations have no solution, or there is too much to compute.
+        The model chatters, its state overflows, its equations have no solution, there is too much to compute, or too
+        many actions of the switch wait.
     """
     if status != DONE:
         reasons = {
@@ -166,6 +167,8 @@ def check(status: int) -> None:
             2: "the state grows without bound, or has no solution",
             3: f"stopped after {MAX_WORK:.0e} units of work, the most that a simulation may take: it has too many "
             "events or is too long",
+            4: f"more than {QUEUE_LENGTH} actions of the switch wait for their time at once: its lag is too long for a "
+            "displacement that turns so often",
         }
         raise EngineError(reasons[status])
 

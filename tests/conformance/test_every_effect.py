@@ -20,6 +20,7 @@ from piezoharvest.description import effects, shunts
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import AS_LABELLED, ParameterError
+from piezoharvest.description.shunts.switching import EmptyingSwitch, SwitchedCoil
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate, simulate_many
@@ -468,6 +469,53 @@ def test_all_effects_of_circuits_at_once_agree_with_the_virtual_bench(kind):
 
 def test_all_effects_of_circuits_are_compared():
     assert set(BEHIND) == OF_THE_CIRCUIT | {"voltage_reversion", "probe_loading"}
+
+
+# Diodes before a coil instead of in a bridge, coils that a circuit may have.
+ELSEWHERE = {
+    "diode_drop_error": {
+        "dssh": {"kind": "dssh", **COIL, "intermediate_capacitance": 1e-7},
+        "sice": {"kind": "sice", **COIL},
+        "sc_sece": {"kind": "sc_sece", **COIL, "short_time": 1e-3},
+    },
+    "inversion_loss": {"sece": {"kind": "sece", **COIL}, "ssds": {"kind": "ssds", **COIL}},
+    "on_time_offset": {
+        "ssds": {"kind": "ssds", **COIL},
+        "sshc": {"kind": "sshc", "flip_capacitances": [4e-8, 6e-8], "switch_resistance": 300.0, "dc_voltage": 2.0},
+    },
+}
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, kinds in ELSEWHERE.items() for kind in kinds])
+def test_an_effect_acts_in_every_circuit_that_has_its_part(name, kind):
+    load = ELSEWHERE[name][kind]
+    values = {**BEHIND[name][0], **({"on_time_error": -0.3} if kind == "sshc" else {})}
+    system, excitation = objects(bench_study(load, DRIVE_TABLE, effects={name: values}))
+    found = simulate(system, excitation, transient=0.06, samples=200)
+    circuit = bench_effects.registered()[name](**values).connect(build_shunt(load))
+    model = Model(build_transducer(BENCH), CIRCUITS[kind](circuit), base=False)
+    wanted = integrate(model, excitation, found.waveforms.time)
+    plain = simulate(System(PLAIN, system.shunt), excitation, transient=0.06, samples=200)
+    assert distance(found.waveforms.voltage, wanted.voltage) < 2e-8
+    assert distance(found.waveforms.voltage, plain.waveforms.voltage) > 1e-3
+    assert "has no part" not in found.message
+
+
+KEYS = {
+    "switch_delay": "time_lag", "inversion_loss": "quality", "diode_drop_error": "diode_drop",
+    "on_time_offset": "on_time_error", "missed_switching": "detector_threshold", "reverse_leakage": "diode_leakage",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", shunts.registered())
+def test_an_effect_acts_where_the_label_has_its_key(kind):
+    shunt = plain_examples(shunts.registered()[kind], GIVEN.get(kind, {}))[0]
+    at_once = getattr(shunt, "at_once", False)  # no coil, so that neither its quality nor its time is any
+    for name, key in KEYS.items():
+        has = getattr(shunt, key, None) is not None and not (at_once and name in ("inversion_loss", "on_time_offset"))
+        if name == "inversion_loss":
+            has = has and isinstance(shunt, SwitchedCoil | EmptyingSwitch)  # no other quality is that of a switched loop
+        assert REGISTERED[name].acts_on(shunt) == has, (name, kind)
 
 
 @pytest.mark.parametrize(

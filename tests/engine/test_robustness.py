@@ -206,3 +206,12 @@ def test_no_solution_is_said(effects, transient):
     assert not found.converged
     assert found.message == "simulation failed: the state grows without bound, or has no solution"
     assert np.isfinite([found.displacement_amplitude, found.voltage_amplitude, found.harvested_power]).all()
+
+
+@pytest.mark.parametrize("transient", [0.5, None])
+@pytest.mark.parametrize(("periods", "followed"), [(1.9, True), (2.6, False)])
+def test_a_lag_of_many_extrema_is_followed_or_refused(periods, followed, transient):
+    """Two extrema a period: four actions wait within two periods, five or six within 2.6."""
+    found = solve(bench({"kind": "ssdi", **LOOP, "time_lag": periods * PERIOD}), transient=transient)
+    assert found.converged == followed
+    assert ("more than 4 actions of the switch wait" in found.message) != followed

@@ -34,6 +34,8 @@ CIRCUITS = {
     },
     "sice": {"kind": "sice", **LOOP, "diode_drop": 0.1},
     "sice early": {"kind": "sice", **LOOP, "phase_lag": -0.2, "on_time_error": -0.2},
+    # Still closed at the next extremum, which then changes nothing.
+    "sice closed long": {"kind": "sice", **LOOP, "on_time_error": 60.0},
     "sc_sece": {"kind": "sc_sece", **LOOP, "short_time": 2e-3, "phase_lag": 0.1},
     "dssh": {"kind": "dssh", **LOOP, "intermediate_capacitance": 120e-9, "diode_drop": 0.1, "diode_resistance": 1e2},
     "essh": {"kind": "essh", **LOOP, "intermediate_capacitance": 120e-9, "second_inductance": 0.02,

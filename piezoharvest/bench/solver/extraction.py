@@ -29,8 +29,10 @@ class Extracting(Staged, SSDI):
         self.emptying = time * (1.0 + self.on_time_error)
 
     def act(self, z):
+        before = self.closed, self.stage
         discharged = super().act(z)
-        self.sign = self.way()
+        if (self.closed, self.stage) != before:  # an action that finds the switch closed changes nothing
+            self.sign = self.way()
         return discharged
 
     def way(self) -> int:

@@ -211,6 +211,44 @@ class CoredSwitch(InductiveSwitch):
         return [Product(resistance, current, current), Product(self.core_resistance, in_core, in_core)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class EmptyingSwitch(SynchronisedShunt):
+    """A switch that empties the electrodes at the extrema: at once, or through a coil if `inductance` is given.
+
+    With a coil it stays closed until the loop alone would have emptied them, a quarter of a swing, longer or shorter by
+    `on_time_error`, which is of no effect without one.
+
+    Raises
+    ------
+    ParameterError
+        An inductance is given without a quality, or a quality without one.
+    """
+
+    inductance: float | None = quantity("H", "inductance of the path; default: at once", default=None, above=0)
+    quality: float | None = quantity("", "quality of the path with C, sqrt(L/C)/R", default=None, above=0.5)
+    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.inductance is None) != (self.quality is None):
+            missing = "quality" if self.quality is None else "inductance"
+            raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
+
+    @property
+    def at_once(self) -> bool:
+        """True without a coil."""
+        return self.inductance is None
+
+    def loop(self, capacitance: float) -> tuple[Any, Any]:
+        """Inductance (H) and resistance (ohm) of the path."""
+        assert self.inductance is not None and self.quality is not None  # they are asked for where there is a coil
+        return self.inductance, np.sqrt(self.inductance / capacitance) / self.quality
+
+    def on_time(self, capacitance: float) -> Any:
+        """Seconds that the switch stays closed."""
+        return 0.0 if self.at_once else (1 + self.on_time_error) * emptying_time(*self.loop(capacitance), capacitance)
+
+
 def emptying_time(inductance: Any, resistance: Any, capacitance: Any) -> Any:
     """Seconds after which a capacitance has discharged through an inductance and a resistance, the first time."""
     decay = resistance / (2 * inductance)

@@ -114,7 +114,8 @@ def open_switch(P, L, S, D):
 def schedule_action(P, L, S, D):
     """Schedule an action after an extremum of sum T_i x_i, with the lag, unless the last one was too recent.
 
-    Nothing is scheduled where the electrode voltage is below the detector's threshold.
+    Nothing is scheduled where the electrode voltage is below the detector's threshold. With an action more than the
+    queue has room for, more are `WAITING` than that, and the run ends.
     """
     polarity = D[st.DIRECTION]
     D[st.DIRECTION] = -polarity
@@ -125,13 +126,16 @@ def schedule_action(P, L, S, D):
         return
     lag, clock = P[L[pg.LAG]], D[st.CLOCK]
     due = S[clock + st.NOW] + lag
-    if due - S[clock + st.ACTED] < P[L[pg.HOLD_OFF]] * (1 - 1e-9) or D[st.WAITING] == QUEUE_LENGTH:
+    if due - S[clock + st.ACTED] < P[L[pg.HOLD_OFF]] * (1 - 1e-9):
         return
     S[clock + st.ACTED] = due
     if P[L[pg.EARLY]] != 0.0:
         polarity = -polarity
     if lag == 0.0:
         operate_switch(P, L, S, D, polarity)
+        return
+    if D[st.WAITING] >= QUEUE_LENGTH:
+        D[st.WAITING] = QUEUE_LENGTH + 1
         return
     place, count = D[st.WAITING], D[st.SENSITIVITIES]
     S[D[st.QUEUE] + place] = due

@@ -10,7 +10,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
-from piezoharvest.engine.memory.state import set_tones
+from piezoharvest.engine.memory.state import QUEUE_LENGTH, set_tones
 from piezoharvest.engine.memory.tables import slot_of
 from piezoharvest.engine.propagation.event_cascade import MAX_EVENTS, process_due_events
 from piezoharvest.engine.propagation.propagate import propagate_mode
@@ -18,19 +18,24 @@ from piezoharvest.engine.propagation.saltation import enter_event, leave_event
 from piezoharvest.engine.propagation.smooth_elements import process_due_events_smooth, propagate_smooth
 from piezoharvest.engine.propagation.trajectory import begin_tape, end_tape
 
-DONE, CHATTER, INVALID, EXHAUSTED = range(4)
+DONE, CHATTER, INVALID, EXHAUSTED, CROWDED = range(5)
 EVENTS_BETWEEN_REFRESHES = 32  # events after which the tones are recomputed from their phases
 
 
 @compiled
 def advance(P, L, S, D, t_end):
-    """Run to t_end through all events; return DONE, CHATTER, INVALID (the state is not finite) or EXHAUSTED."""
+    """Run to t_end through all events.
+
+    Returns DONE, CHATTER, INVALID (the state is not finite), EXHAUSTED, or CROWDED (too many actions are scheduled).
+    """
     clock = D[st.CLOCK]
     busy, last = 0, S[clock]
     while True:
         slot = process_due_events_smooth(P, L, S, D) if L[pg.ELEMENTS] else process_due_events(P, L, S, D)
         if slot == NONE:
             return CHATTER
+        if D[st.WAITING] > QUEUE_LENGTH:
+            return CROWDED
         if D[st.INCOMPLETE]:
             leave_event(P, L, S, D, slot)
             D[st.INCOMPLETE] = 0

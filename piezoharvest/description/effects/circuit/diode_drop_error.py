@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import AS_LABELLED, altered, quantity
 from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.harvesting.sece import SECE
+
+
+@runtime_checkable
+class WithDiodes(Protocol):
+    """Any circuit whose label says what its diodes drop: in a bridge, before a coil, in a breaker."""
+
+    diode_drop: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,13 +31,13 @@ class DiodeDropError(Effect):
     diode_drop: float = quantity("V", "forward drop of one diode", at_least=0, null=AS_LABELLED)
 
     def connect(self, shunt: Shunt) -> Shunt:
-        return altered(shunt, diode_drop=self.diode_drop) if isinstance(shunt, Bridge | SECE) else shunt
+        return altered(shunt, diode_drop=self.diode_drop) if isinstance(shunt, WithDiodes) else shunt
 
     @classmethod
     def acts_on(cls, shunt: Shunt | None) -> bool:
-        return isinstance(shunt, Bridge | SECE)
+        return isinstance(shunt, WithDiodes)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
-        for drop in dict.fromkeys(s.diode_drop for s in scales.shunts if isinstance(s, Bridge | SECE)):
+        for drop in dict.fromkeys(s.diode_drop for s in scales.shunts if isinstance(s, WithDiodes)):
             yield cls(diode_drop=drop)

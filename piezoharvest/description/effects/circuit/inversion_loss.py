@@ -8,7 +8,7 @@ from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import AS_LABELLED, altered, quantity
 from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.switching import SwitchedCoil
+from piezoharvest.description.shunts.switching import EmptyingSwitch, SwitchedCoil
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +30,14 @@ class InversionLoss(Effect):
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5, null=AS_LABELLED)
 
     def connect(self, shunt: Shunt) -> Shunt:
-        return altered(shunt, quality=self.quality) if isinstance(shunt, SwitchedCoil) else shunt
+        return altered(shunt, quality=self.quality) if self.acts_on(shunt) else shunt
 
     @classmethod
     def acts_on(cls, shunt: Shunt | None) -> bool:
-        return isinstance(shunt, SwitchedCoil)
+        return isinstance(shunt, SwitchedCoil) or (isinstance(shunt, EmptyingSwitch) and not shunt.at_once)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
-        for quality in dict.fromkeys(s.quality for s in scales.shunts if isinstance(s, SwitchedCoil)):
+        labels = (s.quality for s in scales.shunts if isinstance(s, SwitchedCoil | EmptyingSwitch))
+        for quality in dict.fromkeys(label for label in labels if label is not None):
             yield cls(quality=quality)

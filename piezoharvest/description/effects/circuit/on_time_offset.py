@@ -2,15 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import altered, quantity
 from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 TRIED = (-0.1, 0.1)  # start values: to second order the sign does not show
+
+
+@runtime_checkable
+class WithOnTime(Protocol):
+    """Any circuit that closes its switch for a time of its own."""
+
+    on_time_error: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +37,13 @@ class OnTimeOffset(Effect):
     on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
-        if not isinstance(shunt, InductiveSwitch):
+        if not isinstance(shunt, WithOnTime) or not self.acts_on(shunt):
             return shunt
         return altered(shunt, on_time_error=shunt.on_time_error + self.on_time_error)
 
     @classmethod
     def acts_on(cls, shunt: Shunt | None) -> bool:
-        return isinstance(shunt, InductiveSwitch)
+        return isinstance(shunt, WithOnTime) and not (isinstance(shunt, EmptyingSwitch) and shunt.at_once)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
-import numpy as np
-
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.extraction import Extraction
-from piezoharvest.description.shunts.switching import SynchronisedShunt, emptying_time
+from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SECE(SynchronisedShunt, Extraction):
+class SECE(EmptyingSwitch, Extraction):
     """At every extremum the charge is extracted: voltage to zero, a share of the energy to the load.
 
     Without an `inductance` this happens at once. With `diode_drop` V_d the charge passes two conducting diodes of the
@@ -26,59 +23,38 @@ class SECE(SynchronisedShunt, Extraction):
     With `inductance` and `quality` of the coil with C the switch stays closed until the loop alone would have emptied
     the electrodes, longer or shorter by `on_time_error`; then the energy of the coil goes to the load. That error
     and `diode_resistance` are of no effect without a coil. A `phase_lag` is the phase of phase-shifted SECE.
-
-    Raises
-    ------
-    ParameterError
-        An inductance is given without a quality, or a quality without one.
     """
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
 
-    inductance: float | None = quantity("H", "inductance of the coil; default: at once", default=None, above=0)
-    quality: float | None = quantity("", "quality of the coil with C, sqrt(L/C)/R", default=None, above=0.5)
-    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.inductance is None) != (self.quality is None):
-            missing = "quality" if self.quality is None else "inductance"
-            raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
-
-    def on_time(self, capacitance: float) -> float:
-        if self.inductance is None:
-            return 0.0
-        return (1 + self.on_time_error) * emptying_time(*self.coil(capacitance), capacitance)
-
     def coil(self, capacitance: float) -> tuple[Any, Any]:
-        assert self.inductance is not None and self.quality is not None  # a coil is asked for where there is one
-        return self.inductance, np.sqrt(self.inductance / capacitance) / self.quality
+        return self.loop(capacitance)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return () if self.inductance is None else (self.coil_state(capacitance),)
+        return () if self.at_once else (self.coil_state(capacitance),)
 
     def configurations(self) -> tuple[str, ...]:
-        return ("linear",) if self.inductance is None else ("open", "closed", "closed+", "closed-")
+        return ("linear",) if self.at_once else ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        if self.inductance is None:
+        if self.at_once:
             return [port.i]
         current = self.coil_current(configuration, port, z)
         return [port.i - current, self.coil_equation(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return {} if self.inductance is None else {"shunt_loss": self.coil_losses(configuration, port, z)}
+        return {} if self.at_once else {"shunt_loss": self.coil_losses(configuration, port, z)}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return [] if self.inductance is None else self.coil_guards(configuration, z)
+        return [] if self.at_once else self.coil_guards(configuration, z)
 
     def closed(self, configuration: str, polarity: int) -> str:
         # The voltage is lowest at a maximum of sum T_i x_i.
-        return configuration if self.inductance is None else f"closed{'-' if polarity > 0 else '+'}"
+        return configuration if self.at_once else f"closed{'-' if polarity > 0 else '+'}"
 
     def opened(self, configuration: str) -> str:
-        return configuration if self.inductance is None else "open"
+        return configuration if self.at_once else "open"
 
     def harvested_share(self) -> float:
         return self.efficiency
