@@ -397,7 +397,7 @@ def of_pairs():
             yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}", marks=marks)
 
 
-@pytest.mark.parametrize(("names", "load", "table"), of_pairs())
+@pytest.mark.parametrize(("names", "load", "table"), list(of_pairs()))
 def test_agrees_with_the_virtual_bench(names, load, table):
     """From rest under the preload, with hysteresis, through conduction and slip."""
     study = bench_study(load, table, hysteresis=STOPS, effects={name: ORACLE[name] for name in names})
@@ -514,7 +514,7 @@ def test_an_effect_acts_where_the_label_has_its_key(kind):
     for name, key in KEYS.items():
         has = getattr(shunt, key, None) is not None and not (at_once and name in ("inversion_loss", "on_time_offset"))
         if name == "inversion_loss":
-            has = has and isinstance(shunt, SwitchedCoil | EmptyingSwitch)  # no other quality is that of a switched loop
+            has = has and isinstance(shunt, SwitchedCoil | EmptyingSwitch)  # other qualities are not of a switched loop
         assert REGISTERED[name].acts_on(shunt) == has, (name, kind)
 
 
