@@ -1,7 +1,8 @@
-"""`python -m reports.reliability [--first N] [--oracle] [--workers N]`: random studies of every shunt and effect.
+"""`python -m reports.reliability [--first N] [--oracle | --inputs] [--workers N]`: random studies, wrong inputs.
 
-They are simulated; with `--oracle` some are run by the bench's solver, too. What is done stands beside this file, a
-line for each study: the same command goes on from there.
+Studies of every shunt and effect are simulated; with `--oracle` some are run by the bench's solver, too; with
+`--inputs` wrong files and tables are given to the program. What is done stands beside this file, a line for each: the
+same command goes on from there.
 """
 
 import argparse
@@ -10,8 +11,9 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-KEPT, COMPARED = HERE / "trials.jsonl", HERE / "oracle.jsonl"
+KEPT, COMPARED, INPUTS = HERE / "trials.jsonl", HERE / "oracle.jsonl", HERE / "inputs.jsonl"
 ALL = 50_000
+WRONG = ("impossible", "internal error", "slow", "not followed")
 
 
 def main() -> None:
@@ -20,20 +22,24 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=ALL, metavar="N", help="the first N studies")
     parser.add_argument("--begin", type=int, default=0, metavar="SEED", help="the seed of the first")
     parser.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
+    parser.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
+    from reports.reliability.inputs import attempt_input
     from reports.reliability.oracle import compare, sample
     from reports.reliability.page import write
     from reports.reliability.trial import attempt
 
     seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
-    path, trial = (COMPARED, compare) if options.oracle else (KEPT, attempt)
+    path, trial = (
+        (COMPARED, compare) if options.oracle else (INPUTS, attempt_input) if options.inputs else (KEPT, attempt)
+    )
     done = {row["seed"] for row in rows_of(path)}
     wanted = [seed for seed in seeds if seed not in done]
     for row in run(path, trial, wanted, options.workers) if wanted else ():
-        if row["outcome"] in ("impossible", "internal error", "slow", "not followed"):
+        if row["outcome"] in WRONG:
             print(row["seed"], row["kind"], row["outcome"], row["what"])
-    write(rows_of(KEPT), rows_of(COMPARED), HERE / "reliability.md")
+    write(rows_of(KEPT), rows_of(COMPARED), rows_of(INPUTS), HERE / "reliability.md")
 
 
 if __name__ == "__main__":

@@ -22,13 +22,34 @@ MEANING = {
 }
 
 
-def write(rows: Sequence[dict[str, Any]], compared: Sequence[dict[str, Any]], path: Path) -> None:
+Rows = Sequence[dict[str, Any]]
+
+
+def write(studies: Rows, compared: Rows, inputs: Rows, path: Path) -> None:
     """Write the page as Markdown."""
-    lines = ["# How hard the engine is to break", "", *(_of_studies(rows) if rows else ())]
-    write_text("\n".join([*lines, *(_of_distances(compared) if compared else ())]) + "\n", path)
+    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs))
+    lines = [line for part, rows in parts if rows for line in part(rows)]
+    write_text("\n".join(["# How hard the toolbox is to break", "", *lines]) + "\n", path)
 
 
-def _of_distances(rows: Sequence[dict[str, Any]]) -> list[str]:
+def _of_inputs(rows: Rows) -> list[str]:
+    """What became of wrong files and tables."""
+    kinds, outcomes = sorted({row["kind"] for row in rows}), sorted({row["outcome"] for row in rows})
+    counts = Counter((row["kind"], row["outcome"]) for row in rows)
+    seconds = max(row["seconds"] for row in rows)
+    lines = [
+        "", "## Wrong files and tables", "",
+        f"{len(rows)} inputs, valid ones made wrong where their structure is (`python -m reports.reliability --inputs`;"
+        f" seeds {min(row['seed'] for row in rows)} and above), read as files or given to a command. Refused means: in "
+        f"one sentence, with status 2. Processor time of one: at most {seconds:.1f} s.", "",
+        f"| input | {' | '.join(outcomes)} |", "|---|" + "---|" * len(outcomes),
+    ]  # fmt: skip
+    lines += [f"| {kind} | {' | '.join(str(counts[kind, each]) for each in outcomes)} |" for kind in kinds]
+    bad = [row for row in rows if row["outcome"] in ("internal error", "impossible", "slow")]
+    return [*lines, "", *(f"- {row['seed']} ({row['kind']}) {row['outcome']}: {row['what']}" for row in bad)]
+
+
+def _of_distances(rows: Rows) -> list[str]:
     """How far the engine is from the bench's solver."""
     counts = Counter(row["outcome"] for row in rows)
     lines = [
@@ -57,7 +78,7 @@ def _quantiles(values: Sequence[float]) -> list[str]:
     return [f"{np.quantile(values, q):.1e}" for q in (0.5, 0.9, 0.99, 1.0)]
 
 
-def _of_studies(rows: Sequence[dict[str, Any]]) -> list[str]:
+def _of_studies(rows: Rows) -> list[str]:
     counts = Counter(row["outcome"] for row in rows)
     closures = np.array([row["closure"] for row in rows if row["outcome"] == "converged"])
     seconds, seeds = np.array([row["seconds"] for row in rows]), [row["seed"] for row in rows]
