@@ -138,7 +138,7 @@ def response(kind: str = "resistor", samples: int = 4, **changes) -> Response:
 
 @pytest.fixture
 def engine(monkeypatch):
-    """Put a stand-in in the place of the engine; gives the function that sets what comes back for each shunt."""
+    """Replace the engine by a stand-in; gives the function that sets what comes back for each shunt."""
 
     def answer(*responses: Response | BaseException):
         queue = list(responses)

@@ -347,7 +347,7 @@ def new(
 ) -> Work:
     """Write a commented study or campaign to begin with.
 
-    harvest and damping run as they are with simulate and design; put your numbers in the place of theirs. For a
+    harvest and damping run as they are with simulate and design; replace their numbers with yours. For a
     campaign the data files are looked into: times, channels, units, sample rate and, where force and displacement are
     known, rough nominal values. What could not be told is marked (?). No file is ever overwritten.
     """

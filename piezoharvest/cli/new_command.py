@@ -38,7 +38,7 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
             raise OutputError(f"found {files[0]} for {kind}, only a campaign takes data files")
         write_text(Template(text).substitute(file=target.name), target)
         print(target)
-        note(f"it runs as it is, with your numbers in the place of its own later: piezoharvest simulate {target}")
+        note(f"the file runs as it is (piezoharvest simulate {target}); replace its numbers with yours")
         return 0
     if not files:
         raise OutputError("no data files, at least one is needed: piezoharvest new campaign FILES")

@@ -60,7 +60,7 @@ def response_json(response: Response) -> dict[str, Any]:
 
 
 def _without_zeros_of_failures(response: Response) -> Response:
-    """The response; one without results has NaN in the place of figures that are 0 because nothing was found."""
+    """The response; one without results has NaN instead of figures that are 0 because nothing was found."""
     from piezoharvest.engine.response import FAILED
 
     if not (response.message or "").startswith(FAILED):

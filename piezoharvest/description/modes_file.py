@@ -37,7 +37,7 @@ _TWICE = f"found beside {KEY}, which gives it: take one of the two away"
 
 
 def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Table of a transducer in which the modes of its file, relative to `folder`, stand in the place of the key.
+    """Table of a transducer in which the modes of its file, relative to `folder`, replace the key.
 
     The first mode that the force moves comes first, scaled so that its share of the force is 1.
 

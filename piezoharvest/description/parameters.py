@@ -15,7 +15,7 @@ from piezoharvest.near_names import did_you_mean
 
 C = TypeVar("C", bound="Component")
 
-# Null value of a quantity that stands in the place of another one, that of a label, and is absent where it equals it.
+# Null value of a quantity that replaces another one, that of a label, and is absent where it equals it.
 AS_LABELLED = "label"
 
 

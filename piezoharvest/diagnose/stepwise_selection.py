@@ -373,7 +373,7 @@ class Searcher:
         return [level for k, level in enumerate(levels, self.given_effects) if k != n]
 
     def _exchange(self, now: EffectChange, less: EffectChange, n: int) -> EffectChange | None:
-        """Fit with another effect in the place of the n-th, if that fits better."""
+        """Fit with another effect instead of the n-th, if that fits better."""
         if _indispensable(now, less):
             return None
         for candidate in self.trials.scores(less)[:3]:

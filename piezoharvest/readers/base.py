@@ -153,7 +153,7 @@ class Reader(ABC):
         if len(found) > 1:
             places = " or ".join(str(n) for n, name in enumerate(self.names, start=1) if name in found)
             twice = f"found {len(found)} columns {cut(column)!r} ({shown(found)})"
-            raise ReadError(f"{twice}, give the number of one in the place of its name: column = {places}", column)
+            raise ReadError(f"{twice}, give the number of one instead of its name: column = {places}", column)
         if not found:
             hint = did_you_mean(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names])
             raise MissingColumnError(

@@ -63,7 +63,7 @@ class Campaign(plain.Campaign):
         transducer : Transducer or mapping
             Nominal values: an object, or the table [transducer] of a campaign file.
         records : sequence of mappings
-            Each as a table of [[records]], with `data` in the place of `file`: a mapping of column names to arrays
+            Each as a table of [[records]], with `data` instead of `file`: a mapping of column names to arrays
             (n,), or a DataFrame. `name` stands for it in messages; default "record 1" and so on. `shunt` may be an
             object.
         channels : mapping, optional

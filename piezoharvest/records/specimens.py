@@ -100,7 +100,7 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
 
 
 def _merged(common: Mapping[str, Any], entry: Any, n: int) -> dict[str, Any]:
-    """Tables of a campaign of one specimen: its own keys in the place of the common ones."""
+    """Tables of a campaign of one specimen: its own keys instead of the common ones."""
     where = f"{SPECIMENS}.{n}"
     if not isinstance(entry, Mapping):
         raise ParameterError(where, f"found {repr(entry)[:60]}, must be a table")

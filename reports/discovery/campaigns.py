@@ -80,7 +80,7 @@ class Trial:
     ----------
     kind : "law", "healthy", "pair" or "impossible"
     law, place : str
-        Keys of `LAWS` and `SITES`; what is impossible stands in the place of the law.
+        Keys of `LAWS` and `SITES`; what is impossible replaces the law.
     sigma : float
         Size aimed at: the change of the fitted samples that no parameter takes, in standard deviations of the noise.
     seed : int

@@ -134,7 +134,7 @@ LEAKY = effects.Stiffening(cubic_stiffness=1.0)
 
 @pytest.fixture
 def leaky(monkeypatch):
-    """An effect of a user's own in the place of stiffening: the leak of the bench."""
+    """An effect of a user's own instead of stiffening: the leak of the bench."""
     monkeypatch.setattr(
         effects.Stiffening, "act", lambda self, specimen: specimen.draw(LEAK * specimen.power(specimen.v, 3))
     )

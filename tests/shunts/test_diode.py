@@ -77,7 +77,7 @@ def test_what_is_no_diode(call, key):
 
 @pytest.mark.parametrize("name", parts.diodes())
 def test_diodes_of_the_catalogue(name):
-    """The line in the place of the name follows the law that the catalogue has, where most of the current flows."""
+    """The line instead of the name follows the law that the catalogue has, where most of the current flows."""
     part, current = parts.diodes()[name], 1e-3
     table = {"kind": "rectifier", "dc_voltage": 1.0, "diode": name, "diode_current": current}
     shunt = build_shunt(table)

@@ -31,7 +31,7 @@ class Storage(Component):
     discharge the store as the constant power does. A protection takes what would charge it above `max_voltage`.
 
     A load with `phases` wakes, sends and sleeps: while the supply is on they follow each other, each with a power
-    beside the constant one. An `efficiency_curve` stands in the place of `efficiency`; over the voltage it holds at the
+    beside the constant one. An `efficiency_curve` replaces `efficiency`; over the voltage it holds at the
     ends of the pieces.
 
     Source: LTC3588-1 data sheet, Analog Devices, 2010: a buck converter, a lockout of 5 and 4 V, a shunt at 20 V.

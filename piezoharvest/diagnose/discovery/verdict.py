@@ -39,7 +39,7 @@ class Explained:
     squares : tuple of (float, float)
         Squares of unseen records and their number, before each effect of the search and after the last.
     search : Search
-        With the laws in the place of effects.
+        With the laws instead of effects.
     validation : Quality
         With them.
     unexplained : float

@@ -266,7 +266,7 @@ def _find_shift(steps, switching, motions, k, near, moving):
 
 @compiled
 def _remember(time, moving):
-    """Remember an extremum in the place of the oldest one."""
+    """Remember an extremum instead of the oldest one."""
     oldest = 0
     for k in range(len(moving.cause_time)):
         if moving.cause_time[k] < moving.cause_time[oldest]:

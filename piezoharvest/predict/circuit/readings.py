@@ -40,7 +40,7 @@ class Samples(NamedTuple):
 
 
 class Readings(Numbers):
-    """Samples in the place of rows, on which the effects of a transducer act as on equations.
+    """Samples instead of rows, on which the effects of a transducer act as on equations.
 
     Only what they add to the readings of sensors is kept; what they add to the specimen is in the samples already.
 

@@ -15,7 +15,7 @@ _OF_FILES = {"file", "skip_rows", "header_row"}  # keys of [[records]] that only
 
 
 def in_memory(records: Any, path: Path) -> tuple[list[dict[str, Any]], list[InMemory]]:
-    """Tables of [[records]] and readers of their data, from mappings with `data` in the place of `file`.
+    """Tables of [[records]] and readers of their data, from mappings with `data` instead of `file`.
 
     Parameters
     ----------

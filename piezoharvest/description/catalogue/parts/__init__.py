@@ -23,7 +23,7 @@ def diodes() -> Mapping[str, Mapping[str, Any]]:
 
 
 def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, Any]:
-    """Keys of a shunt in which those of a diode stand in the place of its name.
+    """Keys of a shunt in which those of a diode replace its name.
 
     `diode = "BAT54"` gives the straight line that is best over a half sine of the current with the peak `diode_current`
     (A), and the conductance backwards where the kind has one.

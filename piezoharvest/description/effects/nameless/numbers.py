@@ -1,4 +1,4 @@
-"""Numbers in the place of rows: functions of them are evaluated at once, where equations add elements."""
+"""Numbers instead of rows: functions of them are evaluated at once, where equations add elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Synchronised switch harvesting on capacitors: the voltage is inverted by capacitors in the place of a coil."""
+"""Synchronised switch harvesting on capacitors: the voltage is inverted by capacitors instead of a coil."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

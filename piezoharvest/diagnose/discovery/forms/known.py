@@ -98,7 +98,7 @@ _MADE: dict[str, Callable[[Law, Transducer], Iterator[Effect]]] = {
 
 
 def named(problem: Problem, best: LawFit) -> Fit | None:
-    """Fit with a known effect in the place of a law, if one fits as well by Schwarz's criterion; else None."""
+    """Fit with a known effect instead of a law, if one fits as well by Schwarz's criterion; else None."""
     if isinstance(best.form, TABLES):
         return None
     bare = without_law(best)
