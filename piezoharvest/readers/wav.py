@@ -45,6 +45,8 @@ class Wav(Reader):
             raise ReadError(f"not a complete WAV file{said}") from None
         if not self._rate > 0 or samples.dtype.kind not in "uif":
             raise ReadError(f"found {samples.dtype} at {self._rate} Hz, allowed are numbers at a rate above 0 Hz")
+        if not samples.size:
+            raise ReadError("the file holds no samples, at least one is needed")
         self._samples = samples.reshape(len(samples), -1)
         self.names = tuple(f"channel {n}" for n in range(1, self._samples.shape[1] + 1))
 

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from messages import is_sentence
+from scipy.io import wavfile
 
 from piezoharvest.readers import ReadError, open_reader
 from piezoharvest.records import CampaignError, load_campaign
@@ -205,6 +206,10 @@ class TestWav:
         message = failure(tmp_path / "run.wav", 1)
         assert "not a complete WAV file" in message
         assert "local variable" not in message
+
+    def test_nothing_recorded(self, tmp_path):
+        wavfile.write(tmp_path / "run.wav", 1000, np.zeros((0, 2), "i2"))
+        assert "no samples" in failure(tmp_path / "run.wav", 1)
 
 
 def fortran(value, width, digits):
