@@ -177,6 +177,21 @@ class TestRuns:
             run_netlist(text.replace("Gspring1", "Xspring1"))
 
 
+def test_operators_without_weight_are_no_elements():
+    load = {"kind": "resistor", "resistance": 1e5}
+    some = {"thresholds": [1e-8, 2e-8, 4e-8], "weights": [0.0, 1e6, 0.0]}
+    only = {"thresholds": [2e-8], "weights": [1e6]}
+    assert netlist(bench(load, DRIVE, hysteresis=some)) == netlist(bench(load, DRIVE, hysteresis=only))
+    none = {"thresholds": [2e-8], "weights": [0.0]}
+    assert netlist(bench(load, DRIVE, hysteresis=none)) == netlist(bench(load, DRIVE))
+
+
+def test_numbers_of_a_netlist_are_finite():
+    tiny = {"thresholds": [2e-8], "weights": [1e-320]}
+    with pytest.raises(ParameterError, match="each must be finite"):
+        netlist(bench({"kind": "resistor", "resistance": 1e5}, DRIVE, hysteresis=tiny))
+
+
 @needs_ngspice
 class TestAgainstPhasors:
     @pytest.mark.parametrize("kind", LINEAR)

@@ -84,6 +84,14 @@ class Hysteresis(Component):
                 raise ParameterError("thresholds", f"found {after} after {before}, allowed are increasing values")
 
     @property
+    def acting(self) -> Hysteresis | None:
+        """The operators that have a weight, without which they add no voltage; None if none has."""
+        pairs = [(r, w) for r, w in zip(self.thresholds, self.weights, strict=True) if w > 0]
+        if not pairs:
+            return None
+        return Hysteresis(thresholds=tuple(r for r, _ in pairs), weights=tuple(w for _, w in pairs))
+
+    @property
     def stiffness(self) -> float:
         """Slope dv_h/dq in V/C with every operator sticking."""
         return sum(self.weights)
@@ -126,8 +134,8 @@ class Hysteresis(Component):
         play are the stop's initial-loading values because the operators are dual.
         """
         # Without weights above the last positive one, v_h is saturated and has no inverse.
-        pairs = [(r, w) for r, w in zip(self.thresholds, self.weights, strict=True) if w > 0]
-        r, w = np.array([r for r, _ in pairs]), np.array([w for _, w in pairs])
+        acting = self.acting
+        r, w = (np.array(acting.thresholds), np.array(acting.weights)) if acting else (np.zeros(0), np.zeros(0))
         base = 0.0 if capacitance is None else 1.0 / capacitance
         sticking = base + np.concatenate((np.cumsum(w[::-1])[::-1], [0.0]))
         corner = np.concatenate(([0.0], np.cumsum(sticking[:-1] * np.diff(r, prepend=0.0))))

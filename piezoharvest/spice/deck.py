@@ -7,14 +7,26 @@ exclusive or in LTspice), the ternary operator, limit(), expressions in .meas, f
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Iterable
 from typing import ClassVar
 
+from piezoharvest.description.parameters import ParameterError
+
 
 def number(value: float) -> str:
-    """A number in a format that both programs read."""
+    """A number in a format that both programs read.
+
+    Raises
+    ------
+    ParameterError
+        It is not finite: values of the study are too large or too small.
+    """
+    if not math.isfinite(value):
+        wanted = "each must be finite: the study has extreme values"
+        raise ParameterError("netlist", f"found {value:g} among its numbers, {wanted}")
     return f"{float(value):.12g}"
 
 
@@ -45,6 +57,7 @@ class Deck:
     def parameter(self, name: str, value: float) -> str:
         """Add a parameter, and return what stands for it in an element or an expression."""
         name = name.lower()
+        number(value)  # refuses what is not finite
         known = self._parameters.setdefault(name, float(value))
         assert known == float(value), f"{name} has two values"
         return f"{{{name}}}"

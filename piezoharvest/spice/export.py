@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from typing import Literal
 
 from piezoharvest.description.excitation import Excitation, Tones
@@ -98,6 +99,8 @@ def export_spice(
         The shunt is of an unsupported kind, an effect has terms that a netlist cannot express or acts on a shunt with
         which it cannot be simulated, or a number of periods or steps is not positive.
     """
+    if transducer.hysteresis:  # an operator without weight would be a capacitor without end
+        transducer = replace(transducer, hysteresis=transducer.hysteresis.acting)
     system = System(transducer, shunt)
     # What hysteresis and effects hold at the transducer's own electrodes is not known of a start elsewhere.
     known = not (shunt.electrode and (transducer.hysteresis or transducer.effects))
