@@ -33,18 +33,18 @@ class NotRealisableError(ValueError):
     """No network has the admittance, or none is found."""
 
 
-class Part(NamedTuple):
+class NetworkPart(NamedTuple):
     """An element (R, L, C; ohm, H, F), or several in "series" or in "parallel"."""
 
     kind: str
     value: float = 0.0
-    parts: tuple[Part, ...] = ()
+    parts: tuple[NetworkPart, ...] = ()
 
-    def dual(self) -> Part:
+    def dual(self) -> NetworkPart:
         """The part whose impedance is this one's admittance, as a number."""
         swapped = {"R": "R", "L": "C", "C": "L", "series": "parallel", "parallel": "series"}[self.kind]
         value = 1.0 / self.value if self.kind == "R" else self.value
-        return Part(swapped, value, tuple(part.dual() for part in self.parts))
+        return NetworkPart(swapped, value, tuple(part.dual() for part in self.parts))
 
 
 class Ratio(NamedTuple):
@@ -126,7 +126,7 @@ def network_elements(ratio: Ratio, *, copies: bool) -> tuple[Element, ...]:
     numbers: Counter[str] = Counter()
     nodes = count(2)
 
-    def elements(part: Part, start: int, end: int) -> Iterator[Element]:
+    def elements(part: NetworkPart, start: int, end: int) -> Iterator[Element]:
         if not part.parts:
             numbers[part.kind] += 1
             yield Element(f"{part.kind}{numbers[part.kind]}", part.kind, (start, end), float(part.value))
@@ -159,7 +159,7 @@ def check_passive(ratio: Ratio) -> None:
         raise NotRealisableError(f"its real part is negative at {at / (2 * np.pi):.4g} Hz")
 
 
-def _admittance(ratio: Ratio, *, copies: bool, inverted: bool = False) -> Part:
+def _admittance(ratio: Ratio, *, copies: bool, inverted: bool = False) -> NetworkPart:
     """Part with an admittance, the sum of what lies in parallel: of the ways to split it the first that ends well.
 
     `copies`: where nothing can be split off, what remains is built twice, after Bott and Duffin.
@@ -181,7 +181,7 @@ def _admittance(ratio: Ratio, *, copies: bool, inverted: bool = False) -> Part:
     return _parallel(lossless, max(least, 0.0), [_twice(_raised(whole, -least), at)])
 
 
-def _twice(ratio: Ratio, at: float) -> Part:
+def _twice(ratio: Ratio, at: float) -> NetworkPart:
     """Part with an admittance whose real part is zero at a frequency in rad/s (Bott & Duffin).
 
     With F(jw) = jX, X > 0, and F(k)/k = X/w, R = (k F - s F(k))/(k F(k) - s F) is positive real and zero at jw, and
@@ -205,21 +205,21 @@ def _twice(ratio: Ratio, at: float) -> Part:
     reactance = Ratio(value * np.polymul(zeros, resonance), poles)
     first = _admittance(reactance.inverse(), copies=True).dual()
     second = _admittance(Ratio(value * poles, np.polymul(zeros, resonance)), copies=True)
-    return Part("parallel", parts=(
-        Part("series", parts=(Part("L", 1.0 / (k * value)), first)),
-        Part("series", parts=(Part("C", value / k), second)),
+    return NetworkPart("parallel", parts=(
+        NetworkPart("series", parts=(NetworkPart("L", 1.0 / (k * value)), first)),
+        NetworkPart("series", parts=(NetworkPart("C", value / k), second)),
     ))  # fmt: skip
 
 
-def _parallel(lossless: list[Part], conductance: float, others: list[Part]) -> Part:
+def _parallel(lossless: list[NetworkPart], conductance: float, others: list[NetworkPart]) -> NetworkPart:
     """Parts and a resistor side by side."""
-    parts = [*lossless, *([Part("R", 1.0 / conductance)] if conductance > 0 else []), *others]
+    parts = [*lossless, *([NetworkPart("R", 1.0 / conductance)] if conductance > 0 else []), *others]
     if not parts:
         raise NotRealisableError
-    return parts[0] if len(parts) == 1 else Part("parallel", parts=tuple(parts))
+    return parts[0] if len(parts) == 1 else NetworkPart("parallel", parts=tuple(parts))
 
 
-def _without_axis_poles(ratio: Ratio) -> tuple[list[Part], Ratio, float]:
+def _without_axis_poles(ratio: Ratio) -> tuple[list[NetworkPart], Ratio, float]:
     """Lossless parts of the poles on the imaginary axis and at infinity, the proper rest, and the constant."""
     quotient, remainder = np.polydiv(ratio.above, ratio.below)
     rising, constant = (quotient[0], quotient[1]) if len(quotient) == 2 else (0.0, quotient[0])
@@ -229,7 +229,7 @@ def _without_axis_poles(ratio: Ratio) -> tuple[list[Part], Ratio, float]:
     on_axis = np.abs(np.real(poles)) <= _ROUNDING * np.abs(poles)
     poles = np.where(on_axis, 1j * np.imag(poles), poles)
     derivative = np.polyder(ratio.below)
-    parts, removed = [Part("C", rising)] if rising else [], np.array([1.0])
+    parts, removed = [NetworkPart("C", rising)] if rising else [], np.array([1.0])
     above = remainder
     for pole in poles[on_axis & (np.imag(poles) >= 0)]:
         residue = float(np.real(np.polyval(remainder, pole) / np.polyval(derivative, pole)))
@@ -245,11 +245,11 @@ def _without_axis_poles(ratio: Ratio) -> tuple[list[Part], Ratio, float]:
     return parts, rest, float(constant) if abs(constant) > _ROUNDING * rest.size() else 0.0
 
 
-def _lossless(residue: float, frequency: float) -> Part:
+def _lossless(residue: float, frequency: float) -> NetworkPart:
     """An inductor, or a series resonance at a frequency in rad/s."""
     if not frequency:
-        return Part("L", 1.0 / residue)
-    return Part("series", parts=(Part("L", 0.5 / residue), Part("C", 2 * residue / frequency**2)))
+        return NetworkPart("L", 1.0 / residue)
+    return NetworkPart("series", parts=(NetworkPart("L", 0.5 / residue), NetworkPart("C", 2 * residue / frequency**2)))
 
 
 def _splits(rest: Ratio, constant: float) -> Iterator[tuple[list[Ratio], float]]:

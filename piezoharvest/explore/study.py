@@ -38,7 +38,7 @@ _WORK = MAX_WORK // 8  # of one answer: about a second, ten times what an answer
 _SAMPLES = 256  # of a period: the figures are some 500 pixels wide
 
 
-class Answer(NamedTuple):
+class StudyAnswer(NamedTuple):
     """What a position of the sliders gives.
 
     Attributes
@@ -80,7 +80,7 @@ class StudyExplorer:
         coupling = around(self.study.transducer, "coupling", "transducer.coupling", 1.0, relative=True)
         return [knob for knob in [*found, coupling] if knob is not None]
 
-    def answer(self, number: int, values: Mapping[str, float]) -> Answer:
+    def answer(self, number: int, values: Mapping[str, float]) -> StudyAnswer:
         """Simulate a shunt with values by path.
 
         Raises
@@ -92,7 +92,7 @@ class StudyExplorer:
         (system,) = changed.systems
         with np.errstate(all="ignore"):
             response = simulate(system, changed.excitation, samples=_SAMPLES, budget=Budget(_WORK))
-            return Answer(changed, response, _bound(changed.transducer, changed.excitation))
+            return StudyAnswer(changed, response, _bound(changed.transducer, changed.excitation))
 
     def save(self, number: int, values: Mapping[str, float], path: Path) -> None:
         """Write the study, with the values in one of its shunts, as TOML.

@@ -10,7 +10,7 @@ from bokeh.layouts import column
 from bokeh.models import Button, ColumnDataSource, Div, Select
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.explore.study import Answer, StudyExplorer
+from piezoharvest.explore.study import StudyAnswer, StudyExplorer
 from piezoharvest.explore.widgets import Coalesced, beside, page_of, plot, report_table
 from piezoharvest.output import OutputError
 from piezoharvest.report.units import engineering
@@ -99,7 +99,7 @@ class StudyPage:
         self._message.text = f'<p role="status">{html.escape(text)}</p>' if text else ""
 
 
-def _figures(answer: Answer) -> str:
+def _figures(answer: StudyAnswer) -> str:
     """Table of the figures, with the bound."""
     found, bound = answer.response, answer.bound
     rows = {

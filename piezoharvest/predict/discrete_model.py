@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.predict.drive import JUMP_PARTS, Drive, drive_of, size_of
+from piezoharvest.predict.drive import JUMP_PARTS, PolynomialDrive, drive_of, size_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.record_model import Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
@@ -37,7 +37,7 @@ class Setting:
     shunt : Shunt or None
     sample_time, first : float
         s; first value of the drive.
-    motion : Drive
+    motion : PolynomialDrive
     count : int
         Samples.
     free : tuple of str
@@ -67,7 +67,7 @@ class Setting:
     shunt: Shunt | None
     sample_time: float
     first: float
-    motion: Drive
+    motion: PolynomialDrive
     count: int
     free: tuple[str, ...] = ()
     swift: tuple[str, ...] = ()

@@ -23,7 +23,7 @@ RISE_PARTS = 8.0  # of these: initial duration of a jump
 RISE_DIFFERENCE = 1e-4  # finite difference for derivatives of a rise
 
 
-class Drive(NamedTuple):
+class PolynomialDrive(NamedTuple):
     """A drive as piecewise polynomial.
 
     Attributes
@@ -69,7 +69,7 @@ def _refined(values: np.ndarray, sample_time: float, frequency: float) -> float:
     return float(frequency)
 
 
-def drive_of(values: np.ndarray) -> Drive:
+def drive_of(values: np.ndarray) -> PolynomialDrive:
     """Interpolate the samples of a drive.
 
     A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which
@@ -88,7 +88,7 @@ def drive_of(values: np.ndarray) -> Drive:
                 first, last = max(a - SPLINE_OVERLAP, begin), min(b + SPLINE_OVERLAP, end)
                 spline = CubicSpline(np.arange(last - first + 1.0), values[first : last + 1])
                 coefficients[a:b] = spline.c[::-1, a - first : b - first].T
-    return Drive(coefficients, jumps)
+    return PolynomialDrive(coefficients, jumps)
 
 
 def rise_steps(line: np.ndarray, late: float, rise: float) -> tuple[np.ndarray, np.ndarray]:

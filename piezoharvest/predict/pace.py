@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.predict.propagation.arguments import ElementSlopes, Sparse, Step, Tangent
+from piezoharvest.predict.propagation.arguments import ElementSlopes, Sparse, StepMatrices, Tangent
 from piezoharvest.predict.sample_step import SampleStep
 
 LANES = 8  # derivatives are padded to full vector registers
@@ -17,17 +17,17 @@ class Pace(NamedTuple):
 
     Attributes
     ----------
-    step : Step
+    step : StepMatrices
     slopes : ElementSlopes
     direct : (inputs, n + elements) array
         Influence of states and elements' outputs at one instant on the elements' inputs.
     """
 
-    step: Step
+    step: StepMatrices
     slopes: ElementSlopes
     direct: np.ndarray
 
-    def at_start(self) -> tuple[Step, ElementSlopes]:
+    def at_start(self) -> tuple[StepMatrices, ElementSlopes]:
         """Step of no length at the first sample of a record, where the states are given and the stops are held."""
         n, (M, H) = len(self.step.M), (self.step.M, self.step.H)
         M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.ascontiguousarray(self.direct[:, n:])
@@ -61,7 +61,7 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
         _sparse(M[:, :size]), _sparse(H, n), _sparse(np.hstack([direct[:, :n], feed])), _sparse(outputs[:, :size]),
     )  # fmt: skip
-    return Pace(Step(h, share, False, M, H, free, outputs, feed), slopes, direct)
+    return Pace(StepMatrices(h, share, False, M, H, free, outputs, feed), slopes, direct)
 
 
 def padded(slopes: np.ndarray) -> np.ndarray:

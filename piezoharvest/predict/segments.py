@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.predict.pace import Pace
-from piezoharvest.predict.propagation.arguments import Elements, Memory, PropagatedState, StepDrive
+from piezoharvest.predict.propagation.arguments import Elements, PropagatedState, StepDrive, StepMemory
 from piezoharvest.predict.record_model import Matrices
 
 NO_RISE = 0, np.zeros((0, 2))  # for a drive that depends on no parameter
@@ -37,7 +37,7 @@ class Propagation:
             y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m), d=np.vstack([dz, dw]),
             dinputs=np.zeros((m, lanes)), local=self.local, sizes=np.zeros(m),
         )  # fmt: skip
-        self._memory = Memory(
+        self._memory = StepMemory(
             g=np.zeros(n + elements + 6), z=np.zeros(n), dz=np.zeros((n, lanes)),
             base=np.zeros(m), old=np.zeros(m), before=np.zeros(elements),
             trial=np.zeros(m), residual=np.zeros((m, 1)), move=np.zeros(m),

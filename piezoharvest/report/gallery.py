@@ -17,7 +17,7 @@ from piezoharvest.report.limits import Limit, hysteretic
 from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import dense, design_band, drive_frequency, frequency_range, loads, sweep_span
 from piezoharvest.report.subjects import Subject, front_subject
-from piezoharvest.report.sweeps import Curve, CurveTracer
+from piezoharvest.report.sweeps import CandidateCurve, CurveTracer
 from piezoharvest.report.units import engineering, pretty_unit
 from piezoharvest.study import Study
 
@@ -119,7 +119,7 @@ class Gallery:
         yield Picture("power-load", "power", "Power and efficiency against the load", caption, figure)
 
     def _frequencies(self) -> Iterator[Picture]:
-        self._swept: list[Curve] = []
+        self._swept: list[CandidateCurve] = []
         span, drive = sweep_span(self.study), drive_frequency(self.study)
         if drive is None:
             return
@@ -201,12 +201,12 @@ class Gallery:
         yield Picture("bode", "two-port", "Bode diagram", caption, figure)
 
     @staticmethod
-    def _dropped(found: Sequence[Curve]) -> str:
+    def _dropped(found: Sequence[CandidateCurve]) -> str:
         missing = sum(curve.missing for curve in found)
         return f" {missing} points without an answer to trust are left out." if missing else ""
 
 
-def _origin(found: Sequence[Curve]) -> str:
+def _origin(found: Sequence[CandidateCurve]) -> str:
     """Origin of the curves: two-port or simulation, in words."""
     exact = [curve.subject.label for curve in found if curve.exact]
     if len(exact) == len(found):

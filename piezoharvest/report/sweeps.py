@@ -42,7 +42,7 @@ NO_ANSWER = Swept(*[float("nan")] * 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class CandidateCurve:
     """A candidate along one variable: load or frequency.
 
     Attributes
@@ -134,7 +134,7 @@ class CurveTracer:
         pairs = ((power, found.harvested_power), (displacement, found.displacement_amplitude))
         return all(abs(one - other) <= _MAX_DIFFERENCE * abs(other) for one, other in pairs)
 
-    def along_loads(self, subjects: Sequence[Subject], loads: np.ndarray) -> list[Curve]:
+    def along_loads(self, subjects: Sequence[Subject], loads: np.ndarray) -> list[CandidateCurve]:
         """Curves of all candidates that have a load; with a fixed dc voltage V the load is V^2 over the power."""
         loaded = [s for s in subjects if s.load_field is not None and s.harvests]
         exact = [s for s in loaded if self.exact(s)]
@@ -150,26 +150,28 @@ class CurveTracer:
             if s.load_field == "dc_voltage":
                 with np.errstate(all="ignore"):
                     values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
-            curves.append(Curve(s, values, *points.T, exact=False))
+            curves.append(CandidateCurve(s, values, *points.T, exact=False))
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
-    def linear(self, subjects: Sequence[Subject], frequencies: np.ndarray) -> list[Curve]:
+    def linear(self, subjects: Sequence[Subject], frequencies: np.ndarray) -> list[CandidateCurve]:
         """Curves of the linear candidates on the two-port; empty with hysteresis."""
         if hysteretic(self.study.transducer):
             return []
         kept = [s for s in subjects if s.linear]
-        return [Curve(s, frequencies, *self.two_port(s.shunt, frequencies), exact=True) for s in kept]
+        return [CandidateCurve(s, frequencies, *self.two_port(s.shunt, frequencies), exact=True) for s in kept]
 
-    def along_frequencies(self, subjects: Sequence[Subject], frequencies: np.ndarray, fine: np.ndarray) -> list[Curve]:
+    def along_frequencies(
+        self, subjects: Sequence[Subject], frequencies: np.ndarray, fine: np.ndarray
+    ) -> list[CandidateCurve]:
         """Curves of all candidates for the study's sine at other frequencies; `fine` ones are used on the two-port."""
         exact = [s for s in subjects if self.exact(s)]
-        curves = [Curve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
+        curves = [CandidateCurve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
         jobs = {s: frequencies for s in subjects if s not in exact}
 
         def at(subject: Subject, frequency: float) -> Swept:
             return self.simulated(subject.shunt, self._sine(frequency))
 
-        curves += [Curve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
+        curves += [CandidateCurve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
     def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Swept]:
@@ -182,8 +184,8 @@ class CurveTracer:
         return {place: Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def against_short(
-        self, curves: Sequence[Curve], fine: np.ndarray
-    ) -> tuple[tuple[np.ndarray, np.ndarray], list[Curve]]:
+        self, curves: Sequence[CandidateCurve], fine: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray], list[CandidateCurve]]:
         """Frequencies and displacement with shorted electrodes, and curves with the attenuation relative to it.
 
         Computed on the two-port without hysteresis: a simulation without damping has no steady state there.
@@ -196,13 +198,13 @@ class CurveTracer:
         compared = [dataclasses.replace(c, attenuation=level) for c, level in zip(curves, levels, strict=True)]
         return (fine, self.two_port(Short(), fine)[2]), compared
 
-    def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
+    def _load_curve(self, subject: Subject, loads: np.ndarray) -> CandidateCurve:
         assert subject.load_field is not None
         frequencies, weights = self._nodes(subject)
         fine = np.geomspace(loads[0], loads[-1], _FINE_POINTS)
         values = np.unique(np.append(fine, getattr(subject.shunt, subject.load_field)))
         rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
-        return Curve(subject, values, *np.array(rows).T, exact=True)
+        return CandidateCurve(subject, values, *np.array(rows).T, exact=True)
 
     def _operated(self, subject: Subject, shunt: Shunt) -> Swept:
         """A candidate's circuit in its operation: under the excitation itself, or averaged over the band."""

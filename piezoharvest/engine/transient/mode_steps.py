@@ -51,7 +51,7 @@ class ModeSteps(NamedTuple):
     levels: np.ndarray
 
 
-def mode_steps(program: pg.Program, count: int, modes: Sequence[Mode]) -> ModeSteps:
+def mode_steps(program: pg.Program, count: int, modes: Sequence[ModeArrays]) -> ModeSteps:
     """Tables of modes.
 
     Parameters
@@ -60,7 +60,7 @@ def mode_steps(program: pg.Program, count: int, modes: Sequence[Mode]) -> ModeSt
         Lowered from complex steps of its quantities.
     count : int
         Number of quantities.
-    modes : sequence of Mode
+    modes : sequence of ModeArrays
         Of this program.
     """
     deepest = max(len(each.growth) for each in modes)
@@ -85,7 +85,7 @@ def mode_steps(program: pg.Program, count: int, modes: Sequence[Mode]) -> ModeSt
     )  # fmt: skip
 
 
-class Mode:
+class ModeArrays:
     """Arrays of one mode, as in `ModeSteps`.
 
     Parameters

@@ -15,7 +15,7 @@ from piezoharvest.engine.run import Machine
 from piezoharvest.engine.sensitivity.dual_modes import dual
 from piezoharvest.engine.transient.along_tape import Switching
 from piezoharvest.engine.transient.forcing import moving
-from piezoharvest.engine.transient.mode_steps import Mode, ModeSteps, mode_steps
+from piezoharvest.engine.transient.mode_steps import ModeArrays, ModeSteps, mode_steps
 from piezoharvest.engine.work_limit import Budget
 
 
@@ -34,7 +34,7 @@ class SampledSystem:
         self.lowered, self.count = lowered, count
         self.plain = lowered._replace(program=moving(lowered.program))
         self._machine = Machine(self.plain)
-        self._modes: dict[tuple, Mode] = {}
+        self._modes: dict[tuple, ModeArrays] = {}
         self._steps: dict[tuple, ModeSteps] = {}
 
     @property
@@ -75,7 +75,7 @@ class SampledSystem:
             program = self.lowered.program
             for key, each in zip(keys, modes, strict=True):
                 if key not in self._modes:
-                    self._modes[key] = Mode(program, self.count, *each, h, rows)
+                    self._modes[key] = ModeArrays(program, self.count, *each, h, rows)
             self._steps[keys] = mode_steps(program, self.count, [self._modes[key] for key in keys])
         return self._steps[keys]
 

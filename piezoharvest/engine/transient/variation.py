@@ -24,7 +24,7 @@ TOLERANCE = 1e-8
 MOTIONS_A_SAMPLE = 3  # room for motions, of which one ends at each sample, enlarged where it is too small
 
 
-class Sampled(NamedTuple):
+class SampledOutputs(NamedTuple):
     """Outputs at samples.
 
     Attributes
@@ -154,7 +154,7 @@ class SampledRun:
         """Derivatives (n, lanes) of the scaled states at the end of the last block."""
         return self._moving.d[: self._n]
 
-    def through(self, begin: int, end: int) -> Sampled:
+    def through(self, begin: int, end: int) -> SampledOutputs:
         """Outputs from one sample, at which the last block ended, to another one, both included.
 
         Raises
@@ -174,7 +174,7 @@ class SampledRun:
         written = follow(steps, self._switching, forcing, bending, motions, self._moving, memory, times, values, slopes)
         if written < len(times) or not np.all(np.isfinite(values)):
             raise EngineError(f"no solution after {times[max(written - 1, 0)]:g} s")
-        return Sampled(values, slopes)
+        return SampledOutputs(values, slopes)
 
     def _motions(self, t_end: float, samples: int) -> tuple[Motions, list[tuple[int, np.ndarray]]]:
         """Motions between the events up to a time, to which the run moves on, and their modes."""

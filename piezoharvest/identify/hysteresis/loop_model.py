@@ -36,7 +36,7 @@ class LoopData:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class LoopShape:
     """Nonlinear parameters of an operator.
 
     Attributes

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, LoopFit
-from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, Shape, convex_fit
+from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, LoopShape, convex_fit
 from piezoharvest.identify.hysteresis.threshold_placement import place_thresholds, refine_shape
 from piezoharvest.identify.noise.coloured_noise import covariance, noise_floor
 from piezoharvest.threads import single_threaded
@@ -55,11 +55,11 @@ def identify_loop(
         return _fit(data, place_thresholds(data), np.empty(0), placed=True)
     given = _increasing(thresholds)
     seen = given <= MAX_THRESHOLD * data.excited
-    shape = refine_shape(data, Shape(given[seen], np.zeros(seen.sum())), move=False)
+    shape = refine_shape(data, LoopShape(given[seen], np.zeros(seen.sum())), move=False)
     return _fit(data, shape, given[~seen], placed=False)
 
 
-def _fit(data: LoopData, shape: Shape, unseen: np.ndarray, placed: bool) -> LoopFit:
+def _fit(data: LoopData, shape: LoopShape, unseen: np.ndarray, placed: bool) -> LoopFit:
     """Convex fit of a shape, with the standard errors of all estimated parameters."""
     n, design = len(shape.thresholds), shape.design(data)
     linear = convex_fit(design, data.output)

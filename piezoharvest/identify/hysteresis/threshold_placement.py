@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, Shape, convex_fit
+from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, LoopShape, convex_fit
 from piezoharvest.identify.hysteresis.play_operators import half_excursions
 from piezoharvest.identify.noise.coloured_noise import effective_samples
 
@@ -13,7 +13,7 @@ _MIN_WEIGHT = 1e-4  # of the total slope: smaller weights are dropped
 _MIN_GAP = 1e-3  # of half the input range: least distance of thresholds
 
 
-def place_thresholds(data: LoopData) -> Shape:
+def place_thresholds(data: LoopData) -> LoopShape:
     """Thresholds placed by the record and refined, in a number selected by Schwarz' criterion.
 
     The criterion counts the effective samples of the best model's residual, not all samples: otherwise a coloured
@@ -37,14 +37,14 @@ def place_thresholds(data: LoopData) -> Shape:
     return tried[min(range(len(tried)), key=criterion)]
 
 
-def at_quantiles(data: LoopData, number: int) -> Shape:
+def at_quantiles(data: LoopData, number: int) -> LoopShape:
     """Thresholds at quantiles of the half excursions of the input, with equally many samples between any two."""
     ways = half_excursions(data.signal)
     thresholds = np.quantile(ways[ways > 0], (np.arange(number) + 0.5) / number)
-    return Shape(np.minimum(thresholds, MAX_THRESHOLD * data.excited), np.zeros(number))
+    return LoopShape(np.minimum(thresholds, MAX_THRESHOLD * data.excited), np.zeros(number))
 
 
-def refine_shape(data: LoopData, start: Shape, *, move: bool) -> Shape:
+def refine_shape(data: LoopData, start: LoopShape, *, move: bool) -> LoopShape:
     """Initial states, and thresholds if they may `move`, with the least residual.
 
     The unknowns are offset, slope, weights, gaps between thresholds in half input ranges, and turns.
@@ -62,11 +62,11 @@ def refine_shape(data: LoopData, start: Shape, *, move: bool) -> Shape:
     low = np.concatenate(([-np.inf], np.zeros(1 + n), np.full(n, _MIN_GAP), np.full(turns, -1.0)))
     high = np.concatenate((np.full(2 + n, np.inf), np.full(n, 1.0), np.full(turns, 1.0)))
 
-    def parts(x: np.ndarray) -> tuple[np.ndarray, Shape]:
+    def parts(x: np.ndarray) -> tuple[np.ndarray, LoopShape]:
         full = origin.copy()
         full[free] = x
         thresholds = np.cumsum(full[2 + n : 2 + 2 * n]) * excited if move else start.thresholds
-        return full[: 2 + n], Shape(thresholds, full[2 + 2 * n :])
+        return full[: 2 + n], LoopShape(thresholds, full[2 + 2 * n :])
 
     def residual(x: np.ndarray) -> np.ndarray:
         linear, shape = parts(x)
@@ -84,13 +84,13 @@ def refine_shape(data: LoopData, start: Shape, *, move: bool) -> Shape:
     return parts(found.x)[1]
 
 
-def _effective_operators(data: LoopData, shape: Shape) -> Shape:
+def _effective_operators(data: LoopData, shape: LoopShape) -> LoopShape:
     """Shape without operators that have no weight or no effect in the record."""
     linear = convex_fit(shape.design(data), data.output)
     kept = (linear[2:] > _MIN_WEIGHT * linear[1:].sum()) & (shape.thresholds <= MAX_THRESHOLD * data.excited)
     states = shape.states(data)[kept]
     thresholds = shape.thresholds[kept]
     if data.virgin:
-        return Shape(thresholds, states)
+        return LoopShape(thresholds, states)
     gaps = np.diff(thresholds, prepend=0.0)
-    return Shape(thresholds, np.diff(states, prepend=data.signal[0]) / gaps)
+    return LoopShape(thresholds, np.diff(states, prepend=data.signal[0]) / gaps)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from piezoharvest.description.excitation import Samples
-from piezoharvest.predict.drive import Drive, corners_of, jumps_of
+from piezoharvest.predict.drive import PolynomialDrive, corners_of, jumps_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,16 +29,16 @@ class MeasuredDrive(Samples):
         return 0.0 if self.imposed else float(self.values[0])
 
 
-def imposed_motion(values: np.ndarray) -> Drive:
+def imposed_motion(values: np.ndarray) -> PolynomialDrive:
     """Cubic spline through the samples of an imposed displacement, whose acceleration is straight between them.
 
     It has no corners: a structure with mass does not jump.
     """
     spline = CubicSpline(np.arange(len(values)), values)
-    return Drive(np.ascontiguousarray(spline.c[::-1].T), np.zeros(0, int))
+    return PolynomialDrive(np.ascontiguousarray(spline.c[::-1].T), np.zeros(0, int))
 
 
-def straight_drive(values: np.ndarray) -> Drive:
+def straight_drive(values: np.ndarray) -> PolynomialDrive:
     """Straight lines between samples that act as the smooth curve through them does.
 
     Lines through the samples themselves would lose (w h)^2/12 of a sine of angular frequency w between samples h apart,
@@ -53,4 +53,4 @@ def straight_drive(values: np.ndarray) -> Drive:
     knots[1:-1] -= bends / 12.0
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = knots[:-1], np.diff(knots)
-    return Drive(coefficients, np.zeros(0, int))
+    return PolynomialDrive(coefficients, np.zeros(0, int))

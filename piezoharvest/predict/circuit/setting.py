@@ -14,7 +14,7 @@ from piezoharvest.equations.terms import state_names
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.measured_drive import imposed_motion, straight_drive
 from piezoharvest.predict.discrete_model import Setting
-from piezoharvest.predict.drive import Drive, drive_of, size_of
+from piezoharvest.predict.drive import PolynomialDrive, drive_of, size_of
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.gate import Edges
 from piezoharvest.records.harmonics import Harmonics
@@ -42,7 +42,7 @@ def redriven(setting: Setting, values: np.ndarray) -> Setting:
     return replace(setting, first=float(values[0]), motion=course)
 
 
-def _course(drive: str, values: np.ndarray) -> Drive:
+def _course(drive: str, values: np.ndarray) -> PolynomialDrive:
     """Course of a drive behind a circuit between its samples."""
     return imposed_motion(values) if drive == "displacement" else straight_drive(values)
 

@@ -31,7 +31,7 @@ class StepDrive(NamedTuple):
     rise: np.ndarray
 
 
-class Step(NamedTuple):
+class StepMatrices(NamedTuple):
     """Matrices of a step, arranged by the order of their use.
 
     Attributes
@@ -112,7 +112,7 @@ class ElementSlopes(NamedTuple):
     from_elements : Sparse
         H.
     to_inputs, to_outputs : Sparse
-        O for states and outputs of the elements; for the inputs with `Step.feed`.
+        O for states and outputs of the elements; for the inputs with `StepMatrices.feed`.
     """
 
     M: Tangent
@@ -167,7 +167,7 @@ class PropagatedState(NamedTuple):
     sizes: np.ndarray
 
 
-class Memory(NamedTuple):
+class StepMemory(NamedTuple):
     """Memory for what is used within a step.
 
     Attributes

@@ -15,7 +15,14 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import entry, inlined
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
-from piezoharvest.predict.propagation.arguments import Elements, ElementSlopes, Memory, PropagatedState, Step, StepDrive
+from piezoharvest.predict.propagation.arguments import (
+    Elements,
+    ElementSlopes,
+    PropagatedState,
+    StepDrive,
+    StepMatrices,
+    StepMemory,
+)
 from piezoharvest.predict.propagation.newton import find_outputs
 from piezoharvest.predict.propagation.products import add_product, assign, clear, dot, scatter, solve, weighted_sums
 
@@ -123,21 +130,21 @@ def _write_derivatives(slopes, state, out):
 
 @partial(entry, nogil=True)
 def propagate_block(
-    drive: StepDrive, step: Step, slopes: ElementSlopes, elements: Elements, state: PropagatedState, memory: Memory,
-    Y: np.ndarray, dY: np.ndarray,
+    drive: StepDrive, step: StepMatrices, slopes: ElementSlopes, elements: Elements, state: PropagatedState,
+    memory: StepMemory, Y: np.ndarray, dY: np.ndarray,
 ) -> int:  # fmt: skip
     """Propagate over a block of steps.
 
     Parameters
     ----------
     drive : StepDrive
-    step : Step
+    step : StepMatrices
     slopes : ElementSlopes
         Of no parameters if no derivatives are wanted.
     elements : Elements
     state : PropagatedState
         At the beginning; overwritten by that at the end.
-    memory : Memory
+    memory : StepMemory
     Y : (samples, outputs) array
     dY : (samples, outputs, parameters) array
         Both outputs, at the ends of each `drive.every` steps.

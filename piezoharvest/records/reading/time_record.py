@@ -24,7 +24,7 @@ from piezoharvest.records.record import Record, Signal
 _RATE_TOLERANCE = 1e-3  # relative, between the time stamps and a given sample rate
 
 
-class Reading:
+class TimeRecordReader:
     """Reader of one record over time.
 
     Parameters
@@ -208,7 +208,7 @@ def read_record(
     key : str
         Key of its table in the campaign.
     sources : mapping of str to (ChannelSource, level)
-        By channel, as in `Reading`.
+        By channel, as in `TimeRecordReader`.
     shunt : Shunt or None
     folder : Path
         Folder to which file names are relative.
@@ -227,7 +227,7 @@ def read_record(
         A file cannot be read, or a column is missing, not numeric or of another length.
     """
     with Files(folder, entry, data) as files:
-        reading = Reading(entry, sources, shunt, files)
+        reading = TimeRecordReader(entry, sources, shunt, files)
         signals = reading.signals()
         findings = [*reading.findings, *files.below()]
     record = Record(

@@ -14,7 +14,7 @@ from piezoharvest.report.figures import style
 from piezoharvest.report.figures.bound_lines import BoundLine
 from piezoharvest.report.spans import Span
 from piezoharvest.report.subjects import Subject
-from piezoharvest.report.sweeps import Curve
+from piezoharvest.report.sweeps import CandidateCurve
 from piezoharvest.report.units import prefix_of
 
 _LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
@@ -27,7 +27,7 @@ _MAX_MARKERS = 40  # number of points from which a curve is drawn without marker
 
 @style.styled
 def power_along_loads(
-    curves: Sequence[Curve], level: Sequence[Subject], limit: float | None, bound: float | None = None
+    curves: Sequence[CandidateCurve], level: Sequence[Subject], limit: float | None, bound: float | None = None
 ) -> Figure:
     """Harvested power and efficiency against the load.
 
@@ -58,7 +58,7 @@ def power_along_loads(
 
 @style.styled
 def power_along_frequencies(
-    curves: Sequence[Curve], span: Span, limit: float | None, bound: BoundLine | None,
+    curves: Sequence[CandidateCurve], span: Span, limit: float | None, bound: BoundLine | None,
     marks: dict[str, Any],
 ) -> Figure:  # fmt: skip
     """Harvested power and efficiency against the frequency of the sine.
@@ -84,14 +84,14 @@ def power_along_frequencies(
 
 @style.styled
 def damping(
-    curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any], per: str = "",
-    bound: BoundLine | None = None,
+    curves: Sequence[CandidateCurve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any],
+    per: str = "", bound: BoundLine | None = None,
 ) -> Figure:  # fmt: skip
     """Displacement amplitude and its attenuation against the frequency.
 
     Parameters
     ----------
-    curves : sequence of Curve
+    curves : sequence of CandidateCurve
     short : pair of (n,) arrays
         Frequencies in Hz, and displacement amplitude in m with shorted electrodes.
     span : Span
@@ -128,13 +128,13 @@ def damping(
     return figure
 
 
-def _line(axes: Axes, curve: Curve, values: np.ndarray) -> None:
+def _line(axes: Axes, curve: CandidateCurve, values: np.ndarray) -> None:
     """Draw a curve; small dots show simulated points, if these are few."""
     few = not curve.exact and len(curve.x) < _MAX_MARKERS
     axes.plot(curve.x, values, marker="." if few else None, markersize=3.5, **curve.subject.style)
 
 
-def _tuned(power: Axes, efficiency: Axes, curve: Curve, factor: float) -> None:
+def _tuned(power: Axes, efficiency: Axes, curve: CandidateCurve, factor: float) -> None:
     """Mark the tuned point of a curve."""
     subject = curve.subject
     assert subject.load_field is not None
@@ -147,7 +147,7 @@ def _tuned(power: Axes, efficiency: Axes, curve: Curve, factor: float) -> None:
     style.mark(efficiency, curve.x[n], 100 * curve.efficiency[n], subject.style)
 
 
-def _power_unit(curves: Sequence[Curve], level: Sequence[Subject]) -> tuple[float, str]:
+def _power_unit(curves: Sequence[CandidateCurve], level: Sequence[Subject]) -> tuple[float, str]:
     """Factor and unit for power, by the largest to be drawn."""
     found = [np.nanmax(curve.harvested, initial=0.0) for curve in curves]
     return prefix_of(float(max(found + [s.candidate.harvested_power for s in level], default=0.0)), "W")
