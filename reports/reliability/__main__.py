@@ -1,8 +1,8 @@
-"""`python -m reports.reliability [--first N] [--oracle | --inputs] [--workers N]`: random studies, wrong inputs.
+"""`python -m reports.reliability [--first N] [--oracle | --inputs | --kills]`: random studies, wrong inputs, kills.
 
 Studies of every shunt and effect are simulated; with `--oracle` some are run by the bench's solver, too; with
-`--inputs` wrong files and tables are given to the program. What is done stands beside this file, a line for each: the
-same command goes on from there.
+`--inputs` wrong files and tables are given to the program; with `--kills` commands are killed and given again. What is
+done stands beside this file, a line for each: the same command goes on from there.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-KEPT, COMPARED, INPUTS = HERE / "trials.jsonl", HERE / "oracle.jsonl", HERE / "inputs.jsonl"
+KEPT, COMPARED, INPUTS, KILLED = (HERE / f"{name}.jsonl" for name in ("trials", "oracle", "inputs", "kills"))
 ALL = 50_000
 WRONG = ("impossible", "internal error", "slow", "not followed")
 
@@ -23,6 +23,7 @@ def main() -> None:
     parser.add_argument("--begin", type=int, default=0, metavar="SEED", help="the seed of the first")
     parser.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
     parser.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
+    parser.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     from reports.reliability.inputs import attempt_input
@@ -39,7 +40,7 @@ def main() -> None:
     for row in run(path, trial, wanted, options.workers) if wanted else ():
         if row["outcome"] in WRONG:
             print(row["seed"], row["kind"], row["outcome"], row["what"])
-    write(rows_of(KEPT), rows_of(COMPARED), rows_of(INPUTS), HERE / "reliability.md")
+    write(rows_of(KEPT), rows_of(COMPARED), rows_of(INPUTS), rows_of(KILLED), HERE / "reliability.md")
 
 
 if __name__ == "__main__":

@@ -25,9 +25,9 @@ MEANING = {
 Rows = Sequence[dict[str, Any]]
 
 
-def write(studies: Rows, compared: Rows, inputs: Rows, path: Path) -> None:
+def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, path: Path) -> None:
     """Write the page as Markdown."""
-    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs))
+    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_kills, kills))
     lines = [line for part, rows in parts if rows for line in part(rows)]
     write_text("\n".join(["# How hard the toolbox is to break", "", *lines]) + "\n", path)
 
@@ -47,6 +47,28 @@ def _of_inputs(rows: Rows) -> list[str]:
     lines += [f"| {kind} | {' | '.join(str(counts[kind, each]) for each in outcomes)} |" for kind in kinds]
     bad = [row for row in rows if row["outcome"] in ("internal error", "impossible", "slow")]
     return [*lines, "", *(f"- {row['seed']} ({row['kind']}) {row['outcome']}: {row['what']}" for row in bad)]
+
+
+def _of_kills(rows: Rows) -> list[str]:
+    """What became of commands that were killed."""
+    counts = Counter((row["kind"], row["outcome"]) for row in rows)
+    lines = [
+        "", "## Killed and given again", "",
+        f"{len(rows)} commands, killed at a random moment by SIGKILL, SIGTERM or SIGINT and given again (`python -m "
+        "reports.reliability --kills`): resumed means that what was left under its own name was whole, and that the "
+        "second run left the same files with the same bytes as an undisturbed one; of pages and figures, which bear "
+        "dates, that they are there.", "",
+        "| command | resumed | not |", "|---|---|---|",
+    ]  # fmt: skip
+    lines += [
+        f"| {kind} | {counts[kind, 'resumed']} | {counts[kind, 'impossible']} |"
+        for kind in sorted({k for k, _ in counts})
+    ]
+    return [
+        *lines,
+        "",
+        *(f"- {row['seed']} ({row['kind']}): {row['what']}" for row in rows if row["outcome"] != "resumed"),
+    ]
 
 
 def _of_distances(rows: Rows) -> list[str]:
