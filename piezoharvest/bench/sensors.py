@@ -116,12 +116,19 @@ def sample(
     top = 2 ** (converter.bits - 1)
     lost = np.sum((codes < -top) | (codes > top - 1))
     codes = np.clip(codes, -top, top - 1) + 0.0  # no negative zero
-    return codes * (converter.step / channel.sensitivity), _warning(name, channel, codes, lost, np.ptp(true) > 0)
+    return codes * (converter.step / channel.sensitivity), _warning(name, channel, codes, lost, float(np.std(true)))
 
 
-def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, moves: bool) -> str:
+def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, signal: float) -> str:
+    """What is wrong with the range or the noise of a channel whose true values have this standard deviation."""
+    if channel.noise > signal > 0:  # below 0 dB
+        device, ratio = channel.key.partition(".")[0], channel.noise / signal
+        found = (
+            f"the noise of its sensor, {channel.noise:.3g} {UNITS[name]}, is {ratio:.3g} times what it moves by (rms)"
+        )
+        return f"{name}: {found}: choose another sensitivity and lower the noise of bench.{device}"
     if lost:
         return f"{name}: {lost} of {len(codes)} samples are beyond the converter's range: lower bench.{channel.key}"
-    if moves and channel.key and np.ptp(codes) < FEW_STEPS:
+    if signal > 0 and channel.key and np.ptp(codes) < FEW_STEPS:
         return f"{name}: moves by {np.ptp(codes):.0f} steps of the converter only: raise bench.{channel.key}"
     return ""

@@ -35,7 +35,8 @@ OWN: dict[str, dict[str, Any]] = {
         {"path": "shunts.0.resistance", "from": 1e4, "to": 1e6, "scale": "log", "count": 3}]}},
     "design": {"design": {"objective": "harvest", "candidates": ["resistor", "series_rl"], "parts": "E24",
                           "max_voltage": 60.0}},
-    "measure": {"bench": {"duration": 0.2, "sample_rate": 2000.0, "seed": 1}},
+    "measure": {"bench": {"duration": 0.2, "sample_rate": 2000.0, "seed": 1, "laser": {"sensitivity": 5e3},
+                          "load_cell": {"sensitivity": 100.0, "noise": 1e-5}}},
     "identify": {"title": "bench", "transducer": PLAIN["transducer"], "channels": {
         "time": {"column": "time_s", "unit": "s"}, "force": {"column": "force_N", "unit": "N"},
         "voltage": {"column": "voltage_V", "gain": 1.0, "offset": 0.0}},

@@ -77,10 +77,21 @@ def test_range_is_that_of_the_converter_and_said():
 
 
 def test_a_channel_that_hardly_moves_is_said():
-    fine = {"current_sense": {"gain": 2000.0}, "laser": {"sensitivity": 1e6}, "buffer": {"gain": 10.0}}
+    fine = {
+        "current_sense": {"gain": 2000.0, "noise": 0.0}, "laser": {"sensitivity": 1e6, "noise": 0.0},
+        "buffer": {"gain": 10.0, "noise": 0.0},
+    }  # fmt: skip
     (warning,) = record({**SINE, "amplitude": 2.0}, **fine).warnings
     assert warning.startswith("force: moves by ")
     assert warning.endswith("steps of the converter only: raise bench.load_cell.sensitivity")
+
+
+def test_noise_above_the_signal_is_said():
+    """A sine of 0.1 N is 0.0707 N rms, a seventh of the load cell's noise."""
+    found = record({**SINE, "amplitude": 0.1}, laser={"noise": 0.0}, buffer={"noise": 0.0}, channels=["voltage"])
+    (warning,) = [text for text in found.warnings if text.startswith("force")]
+    assert "0.5 N, is 7.07 times what it moves by (rms)" in warning
+    assert warning.endswith("lower the noise of bench.load_cell")
 
 
 def test_open_electrodes_carry_no_current():
