@@ -55,7 +55,7 @@ def _load_effects(files: list[Path] | None) -> list[Path]:
 
 EffectFiles = Annotated[
     list[Path] | None,
-    typer.Option("--effects", metavar="FILE", help="Effects of your own (.py, as --save-effect writes); may be repeated.",
+    typer.Option("--effects", metavar="FILE", help="Your own effects (.py, as --save-effect writes); may be repeated.",
                  callback=_load_effects),
 ]  # fmt: skip
 
