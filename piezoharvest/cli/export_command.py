@@ -38,7 +38,10 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
         text = schematic(text)
     write_text(text, out)
     if shunt is None and len(study.shunts) > 1:
-        note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
+        note(
+            f"warning: only shunts.0 ({study.shunts[0].kind}) of {len(study.shunts)} shunts is written; "
+            "--shunt N selects another"
+        )
     print(out)
     return 0 if tolerance is None else _check(study, n, options.get("diodes"), tolerance)
 
@@ -57,7 +60,7 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
         note(f"warning: {where}: not checked: {' '.join(str(error).split())}")
         return 1
     rows = [(f.name, f"{f.engine:.6g}", f"{f.ngspice:.6g}", f"{100 * f.difference:+.3f} %", f.unit) for f in figures]
-    tables.print_rows(f"{where} here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
+    tables.print_rows(f"{where}, here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
     if not trusted:
         note(f"warning: {where}: the result of this simulation is not to be trusted: see piezoharvest simulate")
     wrong = [f.name for f in figures if not abs(f.difference) <= tolerance]

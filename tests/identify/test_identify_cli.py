@@ -80,7 +80,7 @@ def test_a_specimen_that_cannot_be_written_is_told_before_the_work(campaign, tmp
 
 def test_report_stands_alone(answer):
     page = (answer[3] / "report.html").read_text(encoding="utf-8")
-    assert "What the records do not tell" in page
+    assert "What the records do not determine" in page
     assert page.count('<tr data-parameter="') == len(answer[1]["parameters"])
     assert not re.search(r'(src|href)="(?!#|data:)', page)
     pictures = {path.name for path in answer[3].glob("*.png")}

@@ -98,7 +98,7 @@ class TestProcess:
         process.send_signal(signal.SIGINT)
         status, out, err = finish(process)
         assert (status, out) == (130, "")
-        assert err == "what is done is kept: the same command goes on from there\npiezoharvest: interrupted\n"
+        assert err == "finished designs are kept: the same command resumes the sweep\npiezoharvest: interrupted\n"
         wait_for(lambda: not any(map(running, started)))
         assert finish(start(tmp_path, *arguments))[0] == 0
         assert (tmp_path / "out.parquet").read_bytes() == through
