@@ -594,7 +594,7 @@ class TestExport:
     def test_netlist(self, study, run, tmp_path):
         status, out, err = run("export", study, "--format", "spice", "--out", "study.cir")
         assert (status, out) == (0, "study.cir\n")
-        assert "of 2 shunts only shunts.0 (resistor)" in err
+        assert "only shunts.0 (resistor) of 2 shunts is written" in err
         text = (tmp_path / "study.cir").read_text()
         assert text.rstrip().lower().endswith(".end")
         assert "bench harvester" in text.splitlines()[0]

@@ -121,7 +121,7 @@ def sample(
 
 def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, moves: bool) -> str:
     if lost:
-        return f"{name}: {lost} of {len(codes)} samples are beyond the converter's range: lower bench.{channel.key}"
+        return f"{name}: {lost} of {len(codes)} samples exceed the converter's range: lower bench.{channel.key}"
     if moves and channel.key and np.ptp(codes) < FEW_STEPS:
         return f"{name}: moves by {np.ptp(codes):.0f} steps of the converter only: raise bench.{channel.key}"
     return ""

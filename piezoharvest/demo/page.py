@@ -68,8 +68,8 @@ def answer(story: Story) -> str:
     gained = _change(story.second.power, story.first.power)
     return (
         f"Designed for {engineering(story.designed.harvested_power, 'W')}, the {kind_name(story.designed.shunt.kind)} "
-        f"gave {engineering(story.first.power, 'W')} on the virtual bench. The cause is {_named(story)}. Designed again "
-        f"with this cause, the circuit gives {engineering(story.second.power, 'W')}, measured: {_signed(gained)}."
+        f"gave {engineering(story.first.power, 'W')} on the virtual bench. The cause is {_named(story)}. Designed "
+        f"again with this cause, the circuit gives {engineering(story.second.power, 'W')}, measured: {_signed(gained)}."
     )
 
 

@@ -120,7 +120,7 @@ class TestLanguage:
             ("R1 p a 1k\nR2 b c 1k\nR3 a 0 1", "line 3: R2 is not connected to the port"),
             ("V1 p 0 1", "line 2: V1 is in a loop of sources, or across the port"),
             ("I1 p a 1m\nI2 a 0 1m\nR1 p 0 1", "has no path for its current"),
-            ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "nothing but a control is connected to node 'a'"),
+            ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "only a control input is connected to node 'a'"),
             ("S1 p 0 p 0 s\n.model s SW(Vt=1 Vh=-0.1)", "below 0 it is smooth"),
             ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, must have a magnitude between 0 and 1"),
             ("X1 p 0 amp\n", "line 2: X1: found subcircuit 'amp', which the net list does not have"),
