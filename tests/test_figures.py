@@ -197,9 +197,9 @@ capacitance_is = "free"
             ("transducer.modal", "transducer.datasheet", "transducer.datasheet.short_circuit_frequency: unknown key"),
             ("[transducer.modal]", "[transducer.datasheet]\n[transducer.modal]", "only one of the two may be given"),
             ("[transducer.modal]", '[transducer]\ncatalogue = "P-885.51"\n[transducer.modal]',
-             "transducer.modal: found beside catalogue, only one of the two may be given"),
+             "transducer.modal: found together with catalogue, only one of the two may be given"),
             ("[transducer.modal]", "[transducer]\nmass = 3.0\n[transducer.modal]",
-             "transducer.mass: found beside a table modal, whose figures it follows from"),
+             "transducer.mass: found together with a table modal, from which it follows"),
         ],
     )  # fmt: skip
     def test_wrong(self, tmp_path, old, new, message):

@@ -236,7 +236,7 @@ class Terms:
 
     def _column(self, name: str) -> Row:
         if len(self.columns) == MAX_COLUMNS:
-            raise ParameterError("transducer", f"found more than {MAX_COLUMNS} equations, take fewer modes or effects")
+            raise ParameterError("transducer", f"found more than {MAX_COLUMNS} equations, use fewer modes or effects")
         self.columns[name] = len(self.columns)
         return UNITS[self.columns[name]]
 
@@ -282,7 +282,7 @@ class Terms:
 
     def _unavailable(self) -> ParameterError:
         """Error for a row that the engine does not have."""
-        found = "found time by itself, or a power that is no whole number"
+        found = "found time by itself, or a power that is not a whole number"
         allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
         return ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
 

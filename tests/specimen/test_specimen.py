@@ -219,7 +219,7 @@ class TestStudies:
         [
             ("absent.toml", "", "transducer: absent.toml: the file cannot be read"),
             ("study.toml", "", "transducer: study.toml: found a study, which simulate"),
-            ("specimen.toml", "[transducer]\nmass = 1.0\n", "second time, but only one of the two"),
+            ("specimen.toml", "[transducer]\nmass = 1.0\n", "a key or table is given twice"),
         ],
     )
     def test_wrong_files(self, tmp_path, capsys, file, more, words):

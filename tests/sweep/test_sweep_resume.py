@@ -111,7 +111,7 @@ class TestProcess:
         os.kill(children(process.pid)[-1], signal.SIGKILL)
         status, out, err = finish(process)
         assert (status, out) == (1, "")
-        assert err == "piezoharvest: error: a worker process died (too little memory?); the same command resumes\n"
+        assert err == "piezoharvest: error: a worker process died (too little memory?); the same command resumes the sweep\n"
         sweep(study_of(tmp_path, LONG), tmp_path / "out.parquet")
         assert (tmp_path / "out.parquet").read_bytes() == through
 
@@ -154,7 +154,7 @@ def test_a_changed_study_starts_afresh(quick, tmp_path, change):
     quick(SHORT, 1)
     evaluated, told = quick(SHORT.replace(*change))
     assert evaluated >= 150
-    assert told == [f"{tmp_path}/out.parquet.partial held partial results of another study or version: starts afresh"]
+    assert told == [f"{tmp_path}/out.parquet.partial held partial results of another study or version: starting afresh"]
 
 
 def test_another_version_starts_afresh(quick, monkeypatch):

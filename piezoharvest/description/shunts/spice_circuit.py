@@ -1,4 +1,4 @@
-"""A circuit from a net list as a shunt: linear between the states of its diodes and switches."""
+"""A circuit from a netlist as a shunt: linear between the states of its diodes and switches."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _Solution(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SpiceCircuit(Shunt):
-    """Net list of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
+    """Netlist of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
 
     Diodes follow LTspice's law with Ron, Roff and Vfwd; switches close above Vt + Vh and open below Vt - Vh of the
     voltage that controls them. Sources are constant. Inductors that are coupled are states in the combinations of
@@ -54,7 +54,7 @@ class SpiceCircuit(Shunt):
     Raises
     ------
     ParameterError
-        Something in the net list is not understood or not piecewise linear, with its line, or the circuit has no
+        Something in the netlist is not understood or not piecewise linear, with its line, or the circuit has no
         solution.
     """
 
@@ -198,7 +198,7 @@ class SpiceCircuit(Shunt):
 
     @property
     def branches(self) -> tuple[Branch, ...]:
-        """All parts but couplings, in the order of the net list."""
+        """All parts but couplings, in the order of the netlist."""
         return self._circuit[0]
 
     @property
