@@ -294,7 +294,7 @@ class TestOut:
     @pytest.mark.parametrize("name", ["nowhere/w.csv", "study.toml/w.csv", "/proc/w.csv"])
     def test_directory_that_cannot_be_written_to_before_simulating(self, study, refused, engine, name):
         engine()
-        assert "no files can be written to this directory" in refused("simulate", study, "--out", name)
+        assert "files cannot be written to this directory" in refused("simulate", study, "--out", name)
 
     def test_not_a_file(self, study, refused, engine, tmp_path):
         engine()

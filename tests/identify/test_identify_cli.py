@@ -151,7 +151,7 @@ def test_a_report_that_cannot_be_written_is_told_before_the_work(campaign, tmp_p
     assert main(["identify", str(campaign), "--report", str(tmp_path / "file")]) == 2
     err = capsys.readouterr().err
     assert "iteration" not in err
-    assert "no files can be written to this directory" in err
+    assert "files cannot be written to this directory" in err
 
 
 def test_a_missing_file(tmp_path, capsys):

@@ -96,7 +96,7 @@ def test_no_steady_state_is_said():
     """A negative capacitance beyond the limit of stability grows without end."""
     shunt = {"kind": "negative_capacitance", "capacitance": 1e-7, "resistance": 1e5, "topology": "parallel"}
     system, _ = objects(bench(shunt))
-    with pytest.raises(PredictionError, match=r'period.*leave out kind = "periodic"|without bound.*kind = "periodic"'):
+    with pytest.raises(PredictionError, match=r'period.*omit kind = "periodic"|without bound.*kind = "periodic"'):
         predicted(system, SINE, 2.5e-4, 160)
 
 

@@ -249,6 +249,6 @@ class TestStudies:
 
 def test_nothing_is_left_of_a_failed_write(tmp_path):
     folder = tmp_path / "closed"
-    with pytest.raises(ValueError, match="no files can be written"):
+    with pytest.raises(ValueError, match="files cannot be written"):
         write_specimen(specimen(), folder / "specimen.toml")
     assert not folder.exists() and list(Path(tmp_path).iterdir()) == []

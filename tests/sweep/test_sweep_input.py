@@ -134,7 +134,7 @@ def test_no_shunts(refused):
     ("arguments", "message"),
     [
         (("--out", "out.txt"), "out.txt: found '.txt', allowed are names ending in .parquet, .csv"),
-        (("--out", "no/out.csv"), "no: no files can be written to this directory"),
+        (("--out", "no/out.csv"), "no: files cannot be written to this directory"),
         (("--out", "out.csv", "--scheduler", "nonsense"), "--scheduler: no Dask scheduler answers at 'nonsense'"),
         (("--out", "out.csv", "--scheduler", "tls://127.0.0.1:1"), "--scheduler: no Dask scheduler answers at"),
     ],
