@@ -104,7 +104,9 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
 
     if not path.is_file():
         folder = path.is_dir()
-        raise ParameterError(KEY, f"found {name!r}, which is {'a directory, not a file' if folder else 'no existing file'}")
+        raise ParameterError(
+            KEY, f"found {name!r}, which is {'a directory, not a file' if folder else 'no existing file'}"
+        )
     if path.suffix.lower() == ".spm":
         raise ParameterError(KEY, f"{name}: {_NOT_READ}")
     if path.suffix.lower() in Uff.suffixes:

@@ -76,11 +76,11 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
 def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     changed, records = found.extended, list(residuals(found))
     for n, law in enumerate(found.discovery, 1):
-        caption = "What the law adds, with a band of three standard errors, over the range that the records visit."
+        caption = "The law, with a band of three standard errors, over the range that the records cover."
         yield Picture(f"law_{n}", "cause", f"The law at the {law.place}", caption, diagnosed.law_figure(law))
     if records:
         yield from _causes(records, changed)
-        caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."
+        caption = "Mean of the whitened residual of all records, in bins; noise alone lies within ±2."
         for channel in dict.fromkeys(channel for each in records for channel in each.data.channels):
             figure = diagnosed.where_figure(records, channel, changed)
             yield Picture(
@@ -133,7 +133,7 @@ def _structure(found: Diagnosis) -> Picture:
     problem = found.problem
     sides = [("without effects", run_tests(problem, found.before.found))]
     if found.extended:
-        sides.append(("with them", run_tests(problem, found.search.final)))
+        sides.append(("with effects", run_tests(problem, found.search.final)))
     caption = (
         "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; "
         "each channel without what the channels before it tell. White is noise."
@@ -219,7 +219,7 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
     for size, i, j in sorted(pairs, reverse=True):
         remedy = registered()[names[i]].told_by or registered()[names[j]].told_by
         pair = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}"
-        yield f"{pair}: {number(size, 2)}. To tell them: {remedy}."
+        yield f"{pair}: {number(size, 2)}. To distinguish them: {remedy}."
 
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:
