@@ -64,7 +64,7 @@ def test_the_catalogue_from_python():
         (ph.load_study, SPECIMEN, "found an identified specimen, which a study or campaign uses by transducer"),
         (ph.load_campaign, STUDY, "found a study, for simulate, design, sweep, measure and export, but"),
         (ph.load_campaign, SPECIMEN, "found an identified specimen"),
-        (ph.load_specimen, STUDY, "found a study, which simulate"),
+        (ph.load_specimen, STUDY, "found a study, for simulate"),
         (
             ph.load_study,
             STUDY.replace("[transducer]", "[[transducer]]"),

@@ -106,7 +106,7 @@ def test_many_designs_at_once():
 
 
 def test_digits_of_a_small_share_are_said():
-    assert uncertainty_message(1e-9, off=1e-12).endswith("confirms no more than 3 of its digits")
+    assert uncertainty_message(1e-9, off=1e-12).endswith("confirms only 3 of its digits")
     assert uncertainty_message(1e-9, off=1e-8).endswith("confirms none of its digits")
     assert uncertainty_message(-1e-8, off=1e-9).endswith("confirms none of its digits")
     assert uncertainty_message(0.25, off=1e-12) == ""

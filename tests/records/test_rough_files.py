@@ -111,7 +111,7 @@ def test_a_phase_in_degrees_that_nothing_says(tmp_path):
 def test_magnitudes_below_zero_and_levels_are_refused(tmp_path):
     with pytest.raises(CampaignError, match=r"magnitude, rows 2-102: found 101 values below 0, allowed are"):
         frf(tmp_path, "frequency_Hz,magnitude,phase_deg", -1.0)
-    with pytest.raises(CampaignError, match=r'found levels in dB in the file: unit = "dB re m/N" says what 0 dB is'):
+    with pytest.raises(CampaignError, match=r'found levels in dB in the file: unit = "dB re m/N" defines 0 dB'):
         frf(tmp_path, "Frequency (Hz),Magnitude (dB),Phase (deg)")
 
 

@@ -323,7 +323,7 @@ COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
             "found [1, 2], must be a list of 1 numbers",
         ),
         ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
-        ("host.spm", "", "transducer.modes_file", "host.spm: found what SPMWRITE writes"),
+        ("host.spm", "", "transducer.modes_file", "host.spm: found a file of SPMWRITE"),
         ("modes.csv", "force = '11+Z'", "transducer.shapes", "found beside modes.csv"),
     ],
 )  # fmt: skip

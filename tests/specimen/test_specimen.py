@@ -99,7 +99,7 @@ def text_of(tmp_path, **more):
         (lambda t: t.replace("[standard_errors]\n", "[standard_errors]\nsize = 1.0\n"), "standard_errors.size: the"),
         (lambda t: t.replace('"log",\n', '"root",\n', 1), "covariance.scaling: allowed are 4 of linear, log"),
         (lambda t: t.replace("matrix = [\n", "matrix = [\n[1.0, 2.0],\n"), "covariance.matrix: allowed are 4 rows"),
-        (lambda t: re.sub(r"(matrix = \[\n *\[\n *)", r"\g<1>-", t), "covariance.matrix: this is no covariance"),
+        (lambda t: re.sub(r"(matrix = \[\n *\[\n *)", r"\g<1>-", t), "covariance.matrix: this is not a covariance"),
     ],
 )  # fmt: skip
 def test_damaged_files_say_what_is_wrong(tmp_path, change, words):
@@ -218,7 +218,7 @@ class TestStudies:
         ("file", "more", "words"),
         [
             ("absent.toml", "", "transducer: absent.toml: the file cannot be read"),
-            ("study.toml", "", "transducer: study.toml: found a study, which simulate"),
+            ("study.toml", "", "transducer: study.toml: found a study, for simulate"),
             ("specimen.toml", "[transducer]\nmass = 1.0\n", "a key or table is given twice"),
         ],
     )
