@@ -134,7 +134,7 @@ def test_goes_on_with_what_is_there(quick, tmp_path, suffix, method):
     assert quick(text, 1, f"out.{suffix}")[0] == 64
     evaluated, told = quick(text, name=f"out.{suffix}")
     assert evaluated == 150 - 128
-    assert told == [f"goes on from {tmp_path}/out.{suffix}.partial: 128 of 150 designs are done"]
+    assert told == [f"resuming from {tmp_path}/out.{suffix}.partial: 128 of 150 designs are done"]
     assert (tmp_path / f"out.{suffix}").read_bytes() == (tmp_path / f"whole.{suffix}").read_bytes()
     assert sorted(os.listdir(tmp_path)) == [f"out.{suffix}", "study.toml", f"whole.{suffix}"]
 
