@@ -25,7 +25,7 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     clipped = campaign(tmp_path, {"clipping": {"limit": REACHED, "channel": "displacement"}}, RECORDS)
     found = diagnose(clipped, told.append, library=LIBRARY)
     # It overshadows all else: no search is made without it.
-    assert next(text for text in told if "it is fitted, too" in text) == told[1]
+    assert next(text for text in told if "so it is fitted too" in text) == told[1]
     assert told.count("scoring the effects") == 1
     assert found.verdict == "effect"
     (named,) = found.effects
