@@ -41,8 +41,8 @@ class Buffer(Component):
 class CurrentSense(Component):
     """Sense resistor in the load's branch and its amplifier: INA213, whose 25 nV/sqrt(Hz) make 30 nA in 10 kHz.
 
-    The resistor is part of the load: the label of a load resistor includes it, a short is the sense resistor alone, and
-    in other circuits it is neglected.
+    The resistor is part of the load: the nominal value of a load resistor includes it, a short is the sense resistor
+    alone, and in other circuits it is neglected.
     """
 
     resistance: float = quantity("ohm", "sense resistor", default=100.0, above=0)
@@ -73,7 +73,7 @@ class Vibrometer(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class DcMeter(Component):
-    """Buffers at the dc side of a bridge, which load it as little as those at the electrodes; `probe_loading` does."""
+    """Buffers at the dc side of a bridge, with a negligible load; `probe_loading` adds one."""
 
     gain: float = quantity("", "gain: converter voltage per volt", default=1.0, above=0)
     noise: float = quantity("V", "standard deviation", default=1.5e-3, at_least=0)
@@ -81,7 +81,7 @@ class DcMeter(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class Converter(Component):
-    """Analogue-to-digital converter. Without anti-alias filter: frequencies above half the sample rate are folded."""
+    """Analogue-to-digital converter. It has no anti-alias filter: frequencies above half the sample rate are folded."""
 
     bits: int = quantity("", "resolution in bits", default=16, at_least=4, at_most=32)
     range: float = quantity("V", "largest voltage of the range, of either sign", default=10.0, above=0)

@@ -326,9 +326,9 @@ class Record(Samples):
     quantity : "force" or "base_acceleration"
         What was recorded.
     unit : str
-        Of the values, as "kN" or "g"; by default that which the file states, else N or m/s^2.
+        Of the values, such as "kN" or "g"; default: that stated in the file, else N or m/s^2.
     gain : float
-        In `unit` for one of the file's numbers; where it is given the file's unit is none of the values.
+        In `unit`, per number in the file; if it is given, the unit stated in the file is ignored.
     file : str
         In any format of a campaign's records.
     column : str or int

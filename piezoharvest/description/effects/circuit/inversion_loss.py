@@ -16,7 +16,7 @@ class InversionLoss(Effect):
     """The quality of the switched loop is `quality` instead of its nominal one; absent where the two are equal.
 
     An inversion of the voltage V leaves q V of the other sign, q = exp(-pi/(2 Q_i)). The switch stays closed for half a
-    damped period of the loop as it is: how long it is closed is told by `on_time_offset`.
+    damped period of the actual loop; `on_time_offset` describes a wrong closing time.
     """
 
     name: ClassVar[str] = "inversion_loss"

@@ -17,7 +17,7 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 class MissedSwitching(Effect):
     """The peak detector does not act at an extremum at which |v_p| is below `threshold`; absent at zero.
 
-    The voltage counts, not the displacement: it is what a detector sees. A larger threshold of the label's own holds.
+    The voltage counts, not the displacement, as a detector sees only the voltage. A larger nominal threshold prevails.
     """
 
     name: ClassVar[str] = "missed_switching"

@@ -17,10 +17,10 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 class ProbeLoading(Effect):
     """Resistance and capacitance of a meter across the leads, or across the dc side.
 
-    It is absent at infinite resistance without a capacitance. Across the leads its current passes the load by. Its
-    capacitance, small beside the clamped one, stands beside that, across v_t: the part of its charge that the
-    hysteresis would see is neglected. On the dc side it adds to the smoothing capacitor, and what its resistance takes
-    is no harvest; a constant dc voltage does not feel it.
+    It is absent at infinite resistance without a capacitance. Across the leads its current bypasses the load. Its
+    capacitance, small compared with the clamped one, is in parallel with that, across v_t: the part of its charge that
+    the hysteresis would see is neglected. On the dc side it adds to the smoothing capacitor, and the power in its
+    resistance is not harvested; it does not affect a constant dc voltage.
     """
 
     name: ClassVar[str] = "probe_loading"

@@ -17,9 +17,9 @@ class VoltageReversion(Effect):
     """After a sudden voltage change V, open clamped electrodes fall back by `share` times V; absent at zero share.
 
     Dielectric loss: a part of the polarisation follows through a resistance, and a fast inversion leaves its charge
-    as it was. A series R-C branch beside C, across v_t, with a capacitance C_r = C share/(1 - share) that shares its
-    charge with C in the time constant R C C_r/(C + C_r). It is a `dielectric_relaxation` in the terms of the inversion,
-    and acts behind every circuit; only behind a switch is it told as what it is.
+    unchanged. A series R-C branch in parallel with C, with a capacitance C_r = C share/(1 - share) that shares its
+    charge with C in the time constant R C C_r/(C + C_r). It is a `dielectric_relaxation` expressed by its influence on
+    an inversion. It acts behind every circuit, but only behind a switch is it recognised as such.
     """
 
     name: ClassVar[str] = "voltage_reversion"

@@ -13,7 +13,7 @@ from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 class ContactCompliance(Effect):
     """Hertzian joint: the sensor reads an extra c F^(2/3) under compression (F > 0); absent at c = 0.
 
-    Under tension it is open and reads nothing, or, pressed together by something else, as much less.
+    Under tension the joint opens and adds nothing, or, if it is held closed, reduces the reading by as much.
     """
 
     name: ClassVar[str] = "contact_compliance"
