@@ -301,7 +301,7 @@ class Terms:
         bent = any(np.any(row[..., other]) for e in self.elements for row in (e.first, e.second))
         if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
             of, allowed = ("q, v, i or another one", "v_t, x and u") if charged else ("another one", "v, q, i, x and u")
-            found = f"found a smooth term of {of} beside {shunt.kind}, which takes charge at once"
+            found = f"found a smooth term of {of} beside {shunt.kind}, which draws charge instantly"
             raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
 
     def over(self, row: Row, states: Rows) -> Row:

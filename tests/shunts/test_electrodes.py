@@ -254,7 +254,7 @@ def test_a_host_by_its_modes_in_a_file(tmp_path):
         ("coupling_1", "couplin_1", "transducer.modes_file", "modes.csv: the file has no column 'coupling_1'"),
         ("coupling_1,base", "coupling_1,coupling_2", "transducer.modes_file", "modes.csv: found column 'coupling_2'"),
         ("modes.csv", "none.csv", "transducer.modes_file", "found 'none.csv', which is no existing file"),
-        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found beside modes_file"),
+        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found together with modes_file"),
         ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be a number from 0 to 1"),
         ("resistance = 5e5", "resistance = -1", "shunts.0.others.0.resistance", "found -1"),
     ],
@@ -324,7 +324,7 @@ COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
         ),
         ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
         ("host.spm", "", "transducer.modes_file", "host.spm: found a file of SPMWRITE"),
-        ("modes.csv", "force = '11+Z'", "transducer.shapes", "found beside modes.csv"),
+        ("modes.csv", "force = '11+Z'", "transducer.shapes", "found together with modes.csv"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_shapes_is_told(tmp_path, name, places, key, message):

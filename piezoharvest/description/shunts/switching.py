@@ -107,7 +107,7 @@ class SwitchedCoil(Shunt):
             found = "neither inductance nor" if self.inductance is None else "both inductance and"
             raise ParameterError("inductance", f"found {found} flip_time, give one of the two")
         if self.switch_resistance is not None and self.flip_time is not None:
-            raise ParameterError("switch_resistance", "found beside flip_time, but belongs to an inductance")
+            raise ParameterError("switch_resistance", "found together with flip_time, but belongs to an inductance")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F).

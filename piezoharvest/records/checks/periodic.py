@@ -48,7 +48,8 @@ def _not_periodic(record: Record, found: Harmonics) -> str:
         return ""
     unit = UNITS[record.drive]
     return (
-        f"found {rest:.2g} {unit} beside a sine of {named} and its harmonics, where the noise is {noise:.2g} {unit}, "
+        f"found {rest:.2g} {unit} in addition to a sine of {named} and its harmonics, where the noise is {noise:.2g} "
+        f"{unit}, "
         "but the drive must repeat within its noise"
     )
 
