@@ -123,7 +123,7 @@ def test_magnitudes_below_zero_and_levels_are_refused(tmp_path):
         ("a.wav", b"hello", "does not begin as .wav files do"),
         ("a.parquet", b"hello", "does not begin as .parquet files do"),
         ("a.xlsx", b"PK", "a spreadsheet, which cannot be read: save the sheet as .csv"),
-        ("folder.csv", None, "a folder"),
+        ("folder.csv", None, "a directory"),
         ("folder", None, "found a directory, but a data file is needed"),
     ],
 )
