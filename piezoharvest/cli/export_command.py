@@ -115,7 +115,7 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     if b"\0" in data and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise StudyError(path, "", "found binary data, but a netlist is a text")
+        raise StudyError(path, "", "found binary data, but a netlist is text")
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         text = data.decode(encoding)

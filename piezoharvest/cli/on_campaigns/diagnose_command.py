@@ -205,4 +205,4 @@ def _print(found: Diagnosis) -> None:
         rows = [
             [h.channel, h.term, engineering(h.size, response_unit(h.channel)), f"{h.gain:.3g}"] for h in found.hints
         ]
-        tables.print_rows("", ["hint: residual of", "goes with", "size", "gain in -2 ln L"], rows)
+        tables.print_rows("", ["hint: residual of", "term", "size", "gain in -2 ln L"], rows)

@@ -32,7 +32,7 @@ PARTNERS = {"displacement": "force", "voltage": "displacement", "current": "volt
 def _legend(figure: Figure, changed: bool) -> None:
     handles = [Line2D([], [], label="without effects", **{**BEFORE, "linewidth": 1.5})]
     if changed:
-        handles.append(Line2D([], [], label="with them", **{**AFTER, "linewidth": 1.5}))
+        handles.append(Line2D([], [], label="with effects", **{**AFTER, "linewidth": 1.5}))
     handles.append(Line2D([], [], color=style.PALETTE[2], alpha=0.5, linewidth=6, label="noise (±2σ, or its density)"))
     style.legend_above(figure, handles)
 
