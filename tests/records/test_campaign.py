@@ -760,7 +760,7 @@ class TestSweeps:
     def test_one_column_for_two_parts(self, tmp_path, impedance):
         own = '[records.channels]\nimaginary = { column = "resistance_ohm" }\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=self.table(impedance))
-        assert "column 'resistance_ohm' is that of real too" in error.message
+        assert "column 'resistance_ohm' is also that of real" in error.message
 
     def test_units_of_an_analyser(self, tmp_path, impedance):
         size, phase = np.abs(impedance) / 1e3, np.degrees(np.angle(impedance))
