@@ -180,6 +180,4 @@ def uncertainty_message(harvested: float, off: float) -> str:
         return ""
     digits = int(-np.log10(off / harvested)) if off < harvested else 0
     confirmed = f"only {digits} of its digits" if digits else "none of its digits"
-    return (
-        f"the energy balance confirms {confirmed}: the harvested power is a very small fraction of the mechanical one"
-    )
+    return f"the harvested power is too small a fraction of the mechanical one: the energy balance confirms {confirmed}"
