@@ -460,7 +460,9 @@ class TestProgram:
         (tmp_path / "study.toml").write_text(STUDY.replace("[excitation]", f"{skew}[excitation]"))
         ended = resource.getrusage(resource.RUSAGE_CHILDREN)
         process = self.start("simulate", "study.toml", "--transient", "5e3", cwd=tmp_path)
-        assert process.stderr.readline().startswith("warning: shunts.0 (resistor): channel_skew: not part of a simulation")
+        assert process.stderr.readline().startswith(
+            "warning: shunts.0 (resistor): channel_skew: not part of a simulation"
+        )
         before = psutil.Process(process.pid).cpu_times()
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)

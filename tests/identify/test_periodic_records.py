@@ -204,7 +204,11 @@ BEFORE = int(0.5 * RATE) + 2
     ("old", "new", "message"),
     [
         (None, [BEFORE, BEFORE + 120], r"force.*: found 1\.53 periods of 5.*Hz, but a drive must repeat"),
-        (None, [2, 402], "force.*found .* in addition to a sine of .*the drive must repeat within its noise; omit kind"),
+        (
+            None,
+            [2, 402],
+            "force.*found .* in addition to a sine of .*the drive must repeat within its noise; omit kind",
+        ),
         ('kind = "periodic"', 'kind = "periodic"\nfrequency = 48.0', r"in addition to a sine of 48 Hz \(as stated\)"),
         ('kind = "periodic"', 'kind = "periodic"\nfrequency = -1.0', r"records\.0\.frequency: found -1"),
         ('drive = "force"', 'drive = "voltage"', r"records\.0\.drive: found 'voltage', allowed in steady state are"),

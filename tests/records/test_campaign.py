@@ -262,7 +262,9 @@ class TestWrong:
 
     def test_nothing_but_the_drive(self, tmp_path, columns):
         kept = {name: columns[name] for name in ("time_s", "force_N")}
-        assert "no channel other than the drive was found" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+        assert (
+            "no channel other than the drive was found" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+        )
 
     def test_a_column_that_the_record_itself_names(self, tmp_path, columns):
         text = TRANSDUCER + RECORD + '[records.channels]\nvoltage = { column = "u" }\n'

@@ -107,11 +107,13 @@ def test_parameter(refused, arguments, key, message):
     [
         (
             parameter("shunts.0.flip_time", 1e-4, 2e-4, "linear", 9),
-            "none of the designs tried is possible, for instance shunts.0.flip_time = 0.0001 (shunts.0.inductance: found both",
+            "none of the designs tried is possible, for instance shunts.0.flip_time = 0.0001 "
+            "(shunts.0.inductance: found both",
         ),
         (
             parameter("shunts.0.time_lag", -0.5, -0.2, "linear", 9),
-            "none of the designs tried is possible, for instance shunts.0.time_lag = -0.5 (shunts.0.time_lag: found -0.5 s",
+            "none of the designs tried is possible, for instance shunts.0.time_lag = -0.5 "
+            "(shunts.0.time_lag: found -0.5 s",
         ),
     ],
 )

@@ -111,7 +111,10 @@ class TestProcess:
         os.kill(children(process.pid)[-1], signal.SIGKILL)
         status, out, err = finish(process)
         assert (status, out) == (1, "")
-        assert err == "piezoharvest: error: a worker process died (too little memory?); the same command resumes the sweep\n"
+        assert (
+            err
+            == "piezoharvest: error: a worker process died (too little memory?); the same command resumes the sweep\n"
+        )
         sweep(study_of(tmp_path, LONG), tmp_path / "out.parquet")
         assert (tmp_path / "out.parquet").read_bytes() == through
 

@@ -127,8 +127,8 @@ def _study() -> str:
         _linked("[[transducer.modes]]", Mode),
         _linked("[[transducer.electrodes]]", Electrode),
         "## [transducer.modal] and [transducer.datasheet]\n\nValues from a modal test or a data sheet may replace"
-        " the keys of `[transducer]`, or complement those that are known better. The kind of data sheet is recognised by"
-        " its keys; `material`, a name that `piezoharvest catalogue` lists, supplies the constants of the material.\n",
+        " the keys of `[transducer]`, or complement those that are known better. The kind of data sheet is recognised"
+        " by its keys; `material`, a name that `piezoharvest catalogue` lists, gives the constants of the material.\n",
         _linked("[transducer.modal]", Modal, 3),
     ]
     parts += [
