@@ -242,4 +242,4 @@ def test_a_response_that_still_changes_is_warned_about(short):
     other.write_text(text.replace(rows, "[2, 402]"))
     found = load_campaign(other).findings[0]
     assert {(f.severity, f.check, f.channel) for f in found} >= {("warning", "periodic", "displacement")}
-    assert all("has settled" in f.message for f in found if f.check == "periodic")
+    assert all("all transients have decayed" in f.message for f in found if f.check == "periodic")
