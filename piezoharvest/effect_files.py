@@ -34,7 +34,7 @@ def load_effects(path: str | Path) -> list[str]:
     names = [name for name, cls in registered().items() if cls.__module__ == module_name]
     taken = [name for name in names if name in before and before[name].__module__ != module_name]
     if taken:
-        raise InputError(f"{path}: found an effect named {taken[0]!r}, a name that another effect has")
+        raise InputError(f"{path}: found an effect named {taken[0]!r}, but another effect has this name")
     if not names:
         raise InputError(f"{path}: found no effect, an effect file defines a subclass of piezoharvest's Effect")
     return names

@@ -48,9 +48,7 @@ def check_readable(path: str | Path, most: int) -> int:
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"this is no name of a file ({error})"
-        ) from None  # "embedded null byte", as Python calls a NUL
+        raise InputError(f"this is not a file name ({error})") from None  # "embedded null byte", as Python calls a NUL
     if found.st_size > most:
         raise InputError(f"found a file of {in_bytes(found.st_size)}, allowed are up to {in_bytes(most)}")
     return found.st_size

@@ -52,7 +52,7 @@ def check_file(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
         raise OutputError(f"{path}: found {found}, allowed are names ending in {', '.join(suffixes)}")
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
-        raise OutputError(f"{path}: this exists and is not a file, so that it cannot be replaced by one")
+        raise OutputError(f"{path}: this exists and is not a file, so it cannot be overwritten")
     check_directory(target.parent)
     return path
 
@@ -72,7 +72,7 @@ def check_directory(path: str | Path, *, create: bool = False) -> Path:
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
-        raise OutputError(f"{path}: no files can be written to this directory ({error.strerror})") from None
+        raise OutputError(f"{path}: files cannot be written to this directory ({error.strerror})") from None
 
 
 def check_new_directory(path: str | Path) -> Path:

@@ -131,7 +131,7 @@ class TestMaterial:
     ("changed", "message"),
     [
         ({"quality": None, "damping_ratio": None}, "quality: missing key, quality or damping_ratio is needed"),
-        ({"damping_ratio": 0.01}, "damping_ratio: found beside quality"),
+        ({"damping_ratio": 0.01}, "damping_ratio: found together with quality"),
         ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49 Hz, must be at least"),
         ({"quality": -1.0}, "quality: found -1.0, must be a finite number greater than 0"),
         ({"capacitance_is": "fre"}, "capacitance_is: found 'fre' (did you mean 'free'?), allowed are free, clamped"),
@@ -150,7 +150,7 @@ def test_an_antiresonance_below_the_resonance_is_told_by_its_own_key():
 
 
 def test_missing_and_unknown_figures():
-    with pytest.raises(ParameterError, match="capacitance_is: missing key, it is needed beside"):
+    with pytest.raises(ParameterError, match="capacitance_is: missing key, it is needed together with"):
         Transducer.from_modal(**{key: value for key, value in MODAL.items() if key != "capacitance_is"})
     with pytest.raises(ParameterError, match="datasheet: missing key, one of blocking_force"):
         Transducer.from_datasheet(mass=1.0)
@@ -197,9 +197,9 @@ capacitance_is = "free"
             ("transducer.modal", "transducer.datasheet", "transducer.datasheet.short_circuit_frequency: unknown key"),
             ("[transducer.modal]", "[transducer.datasheet]\n[transducer.modal]", "only one of the two may be given"),
             ("[transducer.modal]", '[transducer]\ncatalogue = "P-885.51"\n[transducer.modal]',
-             "transducer.modal: found beside catalogue, only one of the two may be given"),
+             "transducer.modal: found together with catalogue, only one of the two may be given"),
             ("[transducer.modal]", "[transducer]\nmass = 3.0\n[transducer.modal]",
-             "transducer.mass: found beside a table modal, whose figures it follows from"),
+             "transducer.mass: found together with a table modal, from which it follows"),
         ],
     )  # fmt: skip
     def test_wrong(self, tmp_path, old, new, message):

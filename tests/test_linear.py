@@ -635,7 +635,7 @@ def test_cancelled_capacitance_is_refused():
 def test_series_negative_capacitance_with_a_leak_drifts_away():
     """The floating charge leaks through -C_n: a slow unstable pole at any value, for which no limit can be named."""
     leaking = dataclasses.replace(PLAIN, effects=(Leakage(resistance=1e9),))
-    with pytest.raises(ParameterError, match="must be another shunt: no value at all is stable with this transducer"):
+    with pytest.raises(ParameterError, match="must be another shunt: no value is stable with this transducer"):
         linear.check_stability(System(leaking, NegativeCapacitance(capacitance=9e-8, resistance=R, topology="series")))
 
 

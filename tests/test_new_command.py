@@ -117,7 +117,7 @@ def test_what_a_file_tells_and_what_not(tmp_path, name, capsys):
     text = out.read_text(encoding="utf-8")
     assert [word for word in words if word not in text] == [], text
     assert tomllib.loads(text)["records"][0]["file"] == name
-    assert "left to be said: " in capsys.readouterr().err  # the nominal values, at least
+    assert "still to be completed: " in capsys.readouterr().err  # the nominal values, at least
 
 
 def test_an_array_too_large_to_be_listed_does_no_harm(tmp_path):
@@ -161,4 +161,4 @@ def test_a_file_that_may_be_cut_off_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cut.csv").write_text("time_s,force_N\n0.0,1.0\n0.1,2.0\n")
     assert main(["new", "campaign", "cut.csv"]) == 0
-    assert "warning: cut.csv: found 2 rows of numbers only, is the file cut off?" in capsys.readouterr().err
+    assert "warning: cut.csv: found only 2 rows of numbers; is the file cut off?" in capsys.readouterr().err

@@ -60,11 +60,11 @@ def test_the_catalogue_from_python():
 @pytest.mark.parametrize(
     ("load", "text", "said"),
     [
-        (ph.load_study, CAMPAIGN, "found a campaign of measured records, which identify, diagnose and plan take, but"),
-        (ph.load_study, SPECIMEN, "found an identified specimen, which a study or a campaign takes by transducer"),
-        (ph.load_campaign, STUDY, "found a study, which simulate, design, sweep, measure and export take, but"),
+        (ph.load_study, CAMPAIGN, "found a campaign of measured records, for identify, diagnose and plan, but"),
+        (ph.load_study, SPECIMEN, "found an identified specimen, which a study or campaign uses by transducer"),
+        (ph.load_campaign, STUDY, "found a study, for simulate, design, sweep, measure and export, but"),
         (ph.load_campaign, SPECIMEN, "found an identified specimen"),
-        (ph.load_specimen, STUDY, "found a study, which simulate"),
+        (ph.load_specimen, STUDY, "found a study, for simulate"),
         (
             ph.load_study,
             STUDY.replace("[transducer]", "[[transducer]]"),

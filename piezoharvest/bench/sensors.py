@@ -128,7 +128,7 @@ def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, signal: 
         )
         return f"{name}: {found}: choose another sensitivity and lower the noise of bench.{device}"
     if lost:
-        return f"{name}: {lost} of {len(codes)} samples are beyond the converter's range: lower bench.{channel.key}"
+        return f"{name}: {lost} of {len(codes)} samples exceed the converter's range: lower bench.{channel.key}"
     if signal > 0 and channel.key and np.ptp(codes) < FEW_STEPS:
         return f"{name}: moves by {np.ptp(codes):.0f} steps of the converter only: raise bench.{channel.key}"
     return ""

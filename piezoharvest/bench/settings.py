@@ -54,13 +54,11 @@ class RecordOptions(Component):
     """
 
     excitation: Any = described(
-        "keys that replace those of the study's excitation; with another kind all of them", default=None
+        "keys that replace those of the study's excitation; all of them if the kind differs", default=None
     )
-    shunt: Any = described("circuit; default: the first one of the study", default=None)
+    shunt: Any = described("circuit; default: the first shunt of the study", default=None)
     load_resistance: float | None = quantity("ohm", "load resistance", default=None, above=0)
-    role: Literal["fit", "validate"] = described(
-        "whether a fit sees the record, or it is kept back to validate", default="fit"
-    )
+    role: Literal["fit", "validate"] = described("whether the record is fitted, or kept for validation", default="fit")
     duration: float | None = quantity("s", "length of the record", default=None, above=0)
 
 
@@ -87,10 +85,10 @@ class Bench(Component):
 
     sample_rate: float = quantity("Hz", "sample rate", default=1000.0, above=0)
     duration: float | None = quantity("s", "length of a record", default=None, above=0)
-    seed: int = quantity("", "seed of all that is random", default=0, at_least=0)
+    seed: int = quantity("", "seed of all random numbers", default=0, at_least=0)
     nominal_error: float = quantity("", "relative scatter of the nominal values", default=0.0, at_least=0, below=1)
-    truth: bool = described("writes truth.json beside the campaign", default=False)
-    channels: tuple[Response, ...] = described("responses that are measured beside the drive", default=USUAL)
+    truth: bool = described("whether truth.json is written beside the campaign", default=False)
+    channels: tuple[Response, ...] = described("responses that are measured, in addition to the drive", default=USUAL)
     load_cell: LoadCell = field(default_factory=LoadCell)
     laser: Laser = field(default_factory=Laser)
     buffer: Buffer = field(default_factory=Buffer)
@@ -124,19 +122,23 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     """
     table = dict(study.bench)
     if study.transducer.electrodes:
-        found = f"found {len(study.transducer.electrodes)}, but the virtual bench has the transducer's own only"
+        found = (
+            f"found {len(study.transducer.electrodes)}, but the virtual bench has only the transducer's own electrodes"
+        )
         raise ParameterError("transducer.electrodes", found)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
     if not bench.channels:
-        raise ParameterError("bench.channels", f"found an empty list, needed are some of {', '.join(RESPONSES)}")
+        raise ParameterError(
+            "bench.channels", f"found an empty list, must contain at least one of {', '.join(RESPONSES)}"
+        )
     options = bench.records or tuple(RecordOptions() for _ in study.shunts)
     setups = []
     for n, option in enumerate(options):
         where = f"bench.records.{n}" if bench.records else f"shunts.{n}"
         shunt = _shunt(study, option, where, 0 if bench.records else n)
         if shunt.taken != (0,):
-            raise ParameterError(where, "found a shunt at further electrodes, which the virtual bench has not got")
+            raise ParameterError(where, "found a shunt at further electrodes, which the virtual bench does not have")
         excitation = _excitation(study, option.excitation, f"{where}.excitation")
         duration = option.duration or bench.duration or excitation.length or 10.0
         if duration * bench.sample_rate < 3:
@@ -160,7 +162,7 @@ def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
     for effect in study.transducer.effects:
         where = f"transducer.effects.{effect.name}"
         if effect.name not in known:
-            raise ParameterError(where, f"the bench has no such effect, it has {', '.join(known)}")
+            raise ParameterError(where, f"the virtual bench has no such effect, it has {', '.join(known)}")
         found[effect.name] = build(known[effect.name], vars(effect), where)
     if not isinstance(tables, Mapping):
         raise ParameterError(
@@ -186,7 +188,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
         raise ParameterError(
-            f"{where}.load_resistance", "missing key, give a resistance in ohm, or a table shunt in its place"
+            f"{where}.load_resistance", "missing key, give a resistance in ohm, or a table shunt instead"
         )
     return study.shunts[default]
 
@@ -210,13 +212,17 @@ def check_shunt(shunt: Shunt, where: str) -> None:
     """Raise `ParameterError` if the bench cannot build a circuit."""
     for key in ("storage", "initial_dc_voltage", "smoothing_resistance", "start_voltage"):
         if getattr(shunt, key, None):
-            raise ParameterError(f"{where}.{key}", "found on the virtual bench, which has loads and begins at rest")
+            raise ParameterError(
+                f"{where}.{key}", "found on the virtual bench, which has only loads and starts from rest"
+            )
     if shunt.kind not in CIRCUITS:
-        found = f"found {shunt.kind!r}, which the bench has no circuit for"
+        found = f"found {shunt.kind!r}, for which the virtual bench has no circuit"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
     cored = getattr(shunt, "core_resistance", None) is not None
     if cored or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
-        raise ParameterError(where, "found a coil with losses or a self-resonance, but the bench only has ideal ones")
+        raise ParameterError(
+            where, "found a coil with losses or a self-resonance, but the virtual bench has only ideal ones"
+        )
 
 
 def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:

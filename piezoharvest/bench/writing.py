@@ -34,9 +34,9 @@ def check_folder(path: str | Path) -> Path:
     path = Path(path)
     check_new_directory(path.resolve().parent)
     if path.exists() and not _replaceable(path):
-        found = "this folder holds other files" if path.is_dir() else "this exists and is not a folder"
+        found = "this directory contains other files" if path.is_dir() else "it exists and is not a directory"
         raise OutputError(
-            f"{path}: {found}, must be a new or empty folder, or one that piezoharvest measure has written"
+            f"{path}: {found}, must be a new or empty directory, or one that piezoharvest measure has written"
         )
     return path
 

@@ -31,7 +31,7 @@ _FULL = (
 )  # errors of a write to stdout: a full disk, or too large a file
 
 app = typer.Typer(
-    help="Piezoelectric damping and harvesting: simulate, design, sweep, measure, identify, diagnose, plan (TOML).",
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design, identify and diagnose from TOML files.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -39,9 +39,9 @@ app = typer.Typer(
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)]
-ReportFolder = Annotated[Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")]
+ReportFolder = Annotated[Path | None, typer.Option(metavar="DIR", help="Write an HTML report into this directory.")]
 SpecimenFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write the identified specimen (TOML) for studies.")
+    Path | None, typer.Option(metavar="FILE", help="Save the identified specimen (TOML), for use in studies.")
 ]
 
 
@@ -55,7 +55,7 @@ def _load_effects(files: list[Path] | None) -> list[Path]:
 
 EffectFiles = Annotated[
     list[Path] | None,
-    typer.Option("--effects", metavar="FILE", help="Effects of your own (.py), as --save-effect writes.",
+    typer.Option("--effects", metavar="FILE", help="Your own effects (.py, as --save-effect writes); may be repeated.",
                  callback=_load_effects),
 ]  # fmt: skip
 
@@ -79,9 +79,11 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress on stderr, only warnings and errors.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Show no progress on stderr, only warnings and errors.")
+    ] = False,
 ) -> None:
     """Take the options that stand before the command."""
     from piezoharvest.cli.notes import be_quiet
@@ -102,28 +104,30 @@ def simulate(
     transient: Annotated[
         float | None,
         typer.Option(
-            metavar="SECONDS", help="Simulate from rest for this long instead of the steady state.", callback=_positive
+            metavar="SECONDS",
+            help="Simulate a transient of this length from rest instead of the steady state.",
+            callback=_positive,
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Keep the waveforms: .csv, .npz, .h5 or .parquet.")
+        Path | None, typer.Option(metavar="FILE", help="Save the waveforms: .csv, .npz, .h5 or .parquet.")
     ] = None,
     uncertainty: Annotated[
         int | None,
-        typer.Option(metavar="N", min=2, max=100_000, help="Intervals from N draws of an identified specimen."),
+        typer.Option(metavar="N", min=2, max=100_000, help="Give quantiles from N draws of an identified specimen."),
     ] = None,
     effects: EffectFiles = None,
 ) -> Work:
     """Simulate every shunt of a study.
 
-    Finds the periodic steady state of a periodic excitation, and a transient otherwise or with --transient.
+    Computes the periodic steady state for a periodic excitation, and a transient for any other or with --transient.
 
-    A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
+    The waveform file is one table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
     velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V, dc_voltage_V and
     acceleration_m_per_s2.
 
     --uncertainty needs a study whose transducer is a specimen file (transducer = "FILE", as identify --save writes):
-    every figure gets its 5, 50 and 95 % quantiles over the covariance of the identified values.
+    each result is given with its 5, 50 and 95 % quantiles, from the covariance of the identified values.
     """
     from piezoharvest.cli import commands
 
@@ -135,13 +139,13 @@ def design(
     study: StudyFile,
     json: AsJson = False,
     report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
+        Path | None, typer.Option(metavar="DIR", help="Write an HTML report into this directory.")
     ] = None,
     effects: EffectFiles = None,
 ) -> Work:
     """Tune and rank the candidates of a study.
 
-    The table [design] says what is wanted; every candidate is set against the bound of passive linear shunts.
+    The table [design] states the objective; every candidate is compared with the bound for passive linear shunts.
     """
     from piezoharvest.cli import commands
 
@@ -152,19 +156,20 @@ def design(
 def sweep(
     study: StudyFile,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Table to write: .parquet or .csv.", show_default=False)],
-    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes on this machine.")] = 1,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Number of processes on this machine.")] = 1,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Hand the work to this Dask scheduler, as tcp://host:8786.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Use the Dask cluster of this scheduler, such as tcp://host:8786."),
     ] = None,
     json: AsJson = False,
 ) -> Work:
     """Simulate a study at many values of its parameters.
 
-    The table [sweep] says which parameters and outputs. Killed at any moment, the same command goes on where it was:
-    what is done is kept in FILE.partial until FILE is complete.
+    The table [sweep] names the parameters and outputs. A sweep that was stopped is resumed by the same command:
+    finished designs are kept in FILE.partial until FILE is complete.
 
-    A row for each design and shunt, with the columns design, the parameters by their paths, shunt (from 0), kind,
-    converged, and the outputs; an output without an answer is null.
+    FILE has one row for each design and shunt, with the columns design, the parameters by their paths, shunt (from 0),
+    kind, converged, and the outputs; an output that has no value is null.
     """
     if scheduler is not None and workers > 1:
         raise typer.BadParameter("--workers is given too, but only one of the two may be", param_hint="--scheduler")
@@ -176,13 +181,13 @@ def sweep(
 @app.command()
 def measure(
     study: StudyFile,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the campaign to write.", show_default=False)],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the campaign to write.", show_default=False)],
 ) -> Work:
     """Measure a study on the virtual bench.
 
-    Every record is integrated by a solver of its own and passed through the sensors, amplifiers and converter of the
-    table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
-    record.
+    Every record is computed by an independent solver and passed through the sensors, amplifiers and converter of the
+    table [bench]. DIR must be new, empty or an earlier campaign; campaign.toml and one CSV file for each record are
+    written into it.
     """
     from piezoharvest.cli import commands
 
@@ -198,7 +203,7 @@ def identify(
 ) -> Work:
     """Identify a transducer's parameters from measured records.
 
-    The records of a campaign are read, checked, and fitted at once. A parameter that they cannot determine keeps its
+    The records of a campaign are read, checked, and fitted together. A parameter that they cannot determine keeps its
     nominal value and is reported as not identifiable.
     """
     from piezoharvest.cli.on_campaigns import identify_command
@@ -213,15 +218,16 @@ def diagnose(
     report: ReportFolder = None,
     save: SpecimenFile = None,
     save_effect: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a law without a name as an effect file (.py).")
+        Path | None, typer.Option(metavar="FILE", help="Save a newly found law as an effect file (.py).")
     ] = None,
     effects: EffectFiles = None,
 ) -> Work:
-    """Find what the model of measured records lacks.
+    """Find out why the model does not fit the measured records.
 
-    The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain
-    is measured on the validation records. Where no known effect explains what is left, one law is sought
-    at one place of the model: a function of one input, with its formula. What that does not explain is unexplained.
+    The model is fitted and every known effect is tested. The effects that are present are named and fitted with the
+    model, and the gain is measured on the validation records. If no known effect explains what is left, a new law is
+    sought: a function of one input, added at one place in the model and given as a formula. Whatever that does not
+    explain is reported as unexplained.
     """
     from piezoharvest.cli.on_campaigns import diagnose_command
 
@@ -231,17 +237,19 @@ def diagnose(
 @app.command()
 def plan(
     campaign: CampaignFile,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Study to write (TOML); default: print it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Study file to write (TOML); default: print it.")
+    ] = None,
     parameter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Shrink the standard error of this parameter.")
+        str | None, typer.Option(metavar="NAME", help="Reduce the standard error of this parameter.")
     ] = None,
     json: AsJson = False,
 ) -> Work:
-    """Plan the measurement that would tell most.
+    """Plan the most informative next measurement.
 
-    The campaign is diagnosed. Of the sines and steps, loads and durations that its records (or its table [experiment])
-    show to be possible, the record is planned that separates the two likeliest sets of effects best, or that shrinks
-    the standard error of a parameter most. The result is a study that piezoharvest measure runs.
+    The campaign is diagnosed first. Among the sines, steps, loads and durations that its records (or its table
+    [experiment]) show to be possible, the record is chosen that best distinguishes the two most likely sets of effects,
+    or that most reduces the standard error of a parameter. The result is a study for piezoharvest measure.
     """
     from piezoharvest.cli.on_campaigns import plan_command
 
@@ -251,17 +259,18 @@ def plan(
 @app.command()
 def explore(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Study or campaign (TOML).", show_default=False)],
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any free port.")] = 0,
     save: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Where the page saves the study; default beside it, FILE-explored.toml."),
+        typer.Option(metavar="FILE", help="Where the page saves the study; default: FILE-explored.toml beside FILE."),
     ] = None,
     effects: EffectFiles = None,
 ) -> Work:
-    """Serve a page with sliders for a study or a campaign, on this machine alone.
+    """Serve a page with sliders for a study or campaign.
 
-    The address is printed. The page needs no internet; power, attenuation, waveforms, loops and the bound follow the
-    sliders. Of a campaign it shows records and residuals, with effects switched on and off. Ctrl-C ends.
+    The page is served on this machine only, and its address is printed; no internet is needed. Power, attenuation,
+    waveforms, loops and the bound follow the sliders. For a campaign, the page shows records and residuals, with
+    effects that can be switched on and off. Ctrl-C ends.
     """
     from piezoharvest.cli import explore_command
 
@@ -272,24 +281,29 @@ def explore(
 def export(
     study: StudyFile,
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.", show_default=False)],
-    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="Only spice: ngspice and LTspice.")] = "spice",
+    form: Annotated[
+        str, typer.Option("--format", metavar="FORMAT", help="Only spice, which ngspice and LTspice read.")
+    ] = "spice",
     shunt: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Which shunt of the study, from 0.", show_default="0")
+        int | None, typer.Option(metavar="N", min=0, help="Number of the shunt in the study, from 0.", show_default="0")
     ] = None,
-    dialect: Annotated[Dialect | None, typer.Option(help="For one program alone.", show_default="both at once")] = None,
+    dialect: Annotated[
+        Dialect | None, typer.Option(help="Write for one simulator only.", show_default="both at once")
+    ] = None,
     diodes: Annotated[
-        str | None, typer.Option(metavar="MODEL", help="Real diodes in the bridge, as 'D(Is=2.5n N=1.75 Rs=0.57)'.")
+        str | None,
+        typer.Option(metavar="MODEL", help="Diode model for the bridge, such as 'D(Is=2.5n N=1.75 Rs=0.57)'."),
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Run it in ngspice, and print both answers; exit status 1 if they differ.")
+        bool, typer.Option("--check", help="Run it in ngspice and print both results; exit status 1 if they differ.")
     ] = False,
     tolerance: Annotated[
-        float, typer.Option(metavar="SHARE", min=0.0, help="Difference that --check allows, relative.")
+        float, typer.Option(metavar="SHARE", min=0.0, help="Relative difference that --check allows.")
     ] = 0.01,
 ) -> Work:
-    """Write a netlist for circuit simulators, which begins in the steady state.
+    """Write a netlist for circuit simulators that starts in the steady state.
 
-    With --dialect ltspice and a FILE that ends in .asc it is a schematic.
+    With --dialect ltspice and a FILE that ends in .asc, a schematic is written.
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
@@ -303,9 +317,9 @@ def export(
 
 @app.command(name="import")
 def import_netlist(
-    netlist: Annotated[Path, typer.Argument(metavar="NETLIST", help="Net list of ngspice or LTspice.")],
+    netlist: Annotated[Path, typer.Argument(metavar="NETLIST", help="Netlist of ngspice or LTspice.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write, by default to stdout.", show_default=False)
+        Path | None, typer.Option(metavar="FILE", help="File to write; default: print it.", show_default=False)
     ] = None,
     port: Annotated[
         str | None, typer.Option(metavar="PLUS,MINUS", help="Nodes of the electrodes.", show_default="p,0 or 1,0")
@@ -314,13 +328,13 @@ def import_netlist(
         list[str] | None, typer.Option(metavar="NAME", help="Element whose power is harvested; may be repeated.")
     ] = None,
     subcircuit: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Subcircuit to take, its first two pins being the electrodes.")
+        str | None, typer.Option(metavar="NAME", help="Subcircuit to use; its first two pins are the electrodes.")
     ] = None,
 ) -> Work:
-    """Read a net list as a shunt: a table [[shunts]] for a study.
+    """Convert a netlist to a shunt: a table [[shunts]] for a study.
 
-    R, L, C, K, D, S, V, I and subcircuits of them, where they are piecewise linear. What is not is refused, by its
-    element and line.
+    The elements R, L, C, K, D, S, V, I and subcircuits of them are read where they are piecewise linear. Any other is
+    refused, with its name and line.
     """
     from piezoharvest.cli import export_command
 
@@ -337,7 +351,7 @@ class Beginning(StrEnum):
 
 @app.command()
 def new(
-    kind: Annotated[Beginning, typer.Argument(help="What to begin.", show_default=False)],
+    kind: Annotated[Beginning, typer.Argument(help="Kind of file to write.", show_default=False)],
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="FILES", help="Data files of a campaign.", show_default=False)
     ] = None,
@@ -345,11 +359,11 @@ def new(
         Path | None, typer.Option(metavar="FILE", help="File to write (.toml); default: harvest.toml and so on.")
     ] = None,
 ) -> Work:
-    """Write a commented study or campaign to begin with.
+    """Write a commented study or campaign as a starting point.
 
-    harvest and damping run as they are with simulate and design; replace their numbers with yours. For a
-    campaign the data files are looked into: times, channels, units, sample rate and, where force and displacement are
-    known, rough nominal values. What could not be told is marked (?). No file is ever overwritten.
+    The studies harvest and damping run as they are with simulate and design; replace their numbers with yours. For a
+    campaign, times, channels, units, sample rate and, where force and displacement are known, rough nominal values are
+    taken from the data files. Whatever could not be determined is marked (?). No file is ever overwritten.
     """
     from piezoharvest.cli import new_command
 
@@ -359,7 +373,8 @@ def new(
 @app.command()
 def catalogue(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A transducer or material.", show_default="all in a table")
+        str | None,
+        typer.Argument(metavar="NAME", help="Name of a transducer or material.", show_default="all in a table"),
     ] = None,
     json: AsJson = False,
 ) -> Work:
@@ -373,11 +388,11 @@ def catalogue(
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the report.")] = Path("piezoharvest-demo"),
 ) -> Work:
-    """Design a harvester from shipped input, and follow it onto the bench.
+    """Run a worked example: design, measure, diagnose, design again.
 
-    Its circuit falls short of the design when the virtual bench measures it; a campaign is diagnosed, the model is
-    extended by the cause, and the design redone with it is measured again. Ends with a page to look at: its path is the
-    last line. The files of all steps lie beside it; the page names the commands that repeat them.
+    On the virtual bench, a harvester falls short of its design. A campaign is measured and diagnosed, the cause is
+    added to the model, and the harvester is designed and measured again. The last line printed is the path of a page
+    that shows the results. The files of all steps lie beside it; the page lists the commands that repeat them.
     """
     from piezoharvest.cli import demo_command
 

@@ -25,7 +25,7 @@ def show(name: str | None, *, as_json: bool) -> int:
             tables.print_json({"transducers": entries, "materials": materials})
         else:
             tables.print_catalogue(entries, materials)
-            note("`piezoharvest catalogue NAME` shows one of them with its source")
+            note("`piezoharvest catalogue NAME` shows one entry with its source")
         return 0
     found = _one(name)
     if as_json:

@@ -75,7 +75,7 @@ def _specimen(study: Study) -> Specimen:
     from piezoharvest.specimen import load_specimen
 
     if study.specimen is None:
-        needed = "--uncertainty needs the name of a specimen file, which identify --save writes"
+        needed = "--uncertainty needs the name of a specimen file, as identify --save writes it"
         raise StudyError(study.path, "transducer", f"found a table, but {needed}")
     return load_specimen(study.specimen)
 
@@ -90,7 +90,7 @@ def _spread(study: Study, n: int, specimen: Specimen, samples: int, transient: f
     except ParameterError as error:
         raise StudyError(study.path, where, f"--uncertainty: {error}") from None
     if found["converged"] < samples:
-        note(f"warning: {where}: {samples - found['converged']} of {samples} draws have no result that can be trusted")
+        note(f"warning: {where}: {samples - found['converged']} of {samples} draws have no trustworthy result")
     return found
 
 

@@ -48,6 +48,6 @@ def _page(path: Path, saved: Path) -> Any:
     from piezoharvest.explore.study_page import StudyPage
 
     explorer = StudyExplorer(driven_study(path))
-    note("compiling the engine, on its first use")
+    note("compiling the engine on first use")
     explorer.answer(0, {})
     return partial(StudyPage, explorer, saved=saved)

@@ -14,7 +14,7 @@ from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import check_file, write_text
 from piezoharvest.study import Study, StudyError
 
-MOST_BYTES = 1 << 20  # of a net list
+MOST_BYTES = 1 << 20  # of a netlist
 
 
 def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], tolerance: float | None) -> int:
@@ -38,7 +38,10 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
         text = schematic(text)
     write_text(text, out)
     if shunt is None and len(study.shunts) > 1:
-        note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
+        note(
+            f"warning: only shunts.0 ({study.shunts[0].kind}) of {len(study.shunts)} shunts is written; "
+            "--shunt N selects another"
+        )
     print(out)
     return 0 if tolerance is None else _check(study, n, options.get("diodes"), tolerance)
 
@@ -57,7 +60,7 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
         note(f"warning: {where}: not checked: {' '.join(str(error).split())}")
         return 1
     rows = [(f.name, f"{f.engine:.6g}", f"{f.ngspice:.6g}", f"{100 * f.difference:+.3f} %", f.unit) for f in figures]
-    tables.print_rows(f"{where} here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
+    tables.print_rows(f"{where}, here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
     if not trusted:
         note(f"warning: {where}: the result of this simulation is not to be trusted: see piezoharvest simulate")
     wrong = [f.name for f in figures if not abs(f.difference) <= tolerance]
@@ -69,7 +72,7 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
 def import_netlist(
     path: Path, out: Path | None, port: str | None, load: tuple[str, ...], subcircuit: str | None
 ) -> int:
-    """Read a net list as a shunt, and write it as a table of a study."""
+    """Read a netlist as a shunt, and write it as a table of a study."""
     import tomli_w
 
     from piezoharvest.description.shunts.spice_circuit import SpiceCircuit
@@ -103,7 +106,7 @@ def _nodes(port: str | None) -> tuple[str, ...] | None:
 
 
 def _text(path: Path) -> str:
-    """Text of a net list: UTF-8, UTF-16 with its mark, or, as LTspice writes, Latin-1."""
+    """Text of a netlist: UTF-8, UTF-16 with its mark, or, as LTspice writes, Latin-1."""
     try:
         check_readable(path, MOST_BYTES)
         data = path.read_bytes()
@@ -112,7 +115,7 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     if b"\0" in data and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise StudyError(path, "", "found binary data, but a net list is a text")
+        raise StudyError(path, "", "found binary data, but a netlist is text")
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         text = data.decode(encoding)

@@ -31,14 +31,14 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
     target = Path(f"{kind}.toml") if out is None else out
     check_file(target, (".toml",))
     if os.path.lexists(target):
-        raise OutputError(f"{target}: this exists and is not overwritten, --out FILE names another file")
+        raise OutputError(f"{target}: the file exists and is not overwritten; name another one with --out FILE")
     text = resources.files("piezoharvest.cli").joinpath("templates", f"{kind}.toml").read_text("utf-8")
     if kind != "campaign":
         if files:
             raise OutputError(f"found {files[0]} for {kind}, only a campaign takes data files")
         write_text(Template(text).substitute(file=target.name), target)
         print(target)
-        note(f"the file runs as it is (piezoharvest simulate {target}); replace its numbers with yours")
+        note(f"the file runs as it is (piezoharvest simulate {target}); replace its values with your own")
         return 0
     if not files:
         raise OutputError("no data files, at least one is needed: piezoharvest new campaign FILES")
@@ -56,7 +56,7 @@ def _say_what_is_left(target: Path) -> None:
         for finding in load_campaign(target).warnings:
             note(f"warning: {finding.file}: {finding.message}")
     except StudyError as error:
-        note(f"left to be said: {error}")
+        note(f"still to be completed: {error}")
 
 
 def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
@@ -71,14 +71,14 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
         except ReadError as error:
             raise StudyError(path, error.column, error.message) from None
         if found[-1].count < _LEAST_ROWS:
-            note(f"warning: {path}: found {found[-1].count} rows of numbers only, is the file cut off?")
+            note(f"warning: {path}: found only {found[-1].count} rows of numbers; is the file cut off?")
     signals = [each for each in found if each.kind == "time"]
     same = all((each.columns, each.units) == (signals[0].columns, signals[0].units) for each in signals)
     shared = list(_channels(signals[0])) if signals and same else []
     records = [line for each in found for line in _record(each, target, same)]
     return Template(template).substitute(
         file=target.name, title=_quoted(target.stem), transducer="\n".join(_transducer(signals)),
-        channels="\n".join(shared or ["# as each record says below"]), records="\n".join(records),
+        channels="\n".join(shared or ["# given in each record below"]), records="\n".join(records),
     )  # fmt: skip
 
 
@@ -93,9 +93,9 @@ def _transducer(signals: Sequence[FoundFile]) -> Iterator[str]:
             rough = max(rough, rough_values(channels, each.rate), key=len)
     for name, unit in _UNITS.items():
         if name in rough:
-            yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; a rough value, from the records (?)"
+            yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; rough value, from the records (?)"
         else:
-            yield f"{f'# {name} = ':<33}# {unit}; the records do not tell it (?)"
+            yield f"{f'# {name} = ':<33}# {unit}; not known from the records (?)"
 
 
 def _channels(found: FoundFile) -> Iterator[str]:
@@ -106,9 +106,9 @@ def _channels(found: FoundFile) -> Iterator[str]:
         unit = found.units[channel]
         name = _quoted(column)
         if unit == OTHER_UNIT:
-            yield f"# {channel} = {{ column = {name}, gain = 1.0 }}    # (?) of another unit: its gain is missing"
+            yield f"# {channel} = {{ column = {name}, gain = 1.0 }}    # (?) in another unit: its gain is missing"
             continue
-        said = f"{unit}, as the file says" if unit else "the file states no unit: taken for the SI unit (?)"
+        said = f"{unit}, stated in the file" if unit else "no unit in the file: SI unit assumed (?)"
         if channel == "time" and found.rate is not None:
             said += f"; {found.rate:.6g} Hz"
         yield f"{channel} = {{ column = {name} }}    # {said}"
@@ -126,17 +126,17 @@ def _record(found: FoundFile, target: Path, same: bool) -> Iterator[str]:
     about = "lines" if found.kind != "time" else "samples"
     rate = f" at {found.rate:.6g} Hz" if found.rate is not None else ""
     yield f"file = {_quoted(name)}    # {found.count} {about}{rate}"
-    yield 'role = "fit"                     # "validate": kept out of the fit, to judge it'
+    yield 'role = "fit"                     # "validate": kept out of the fit, to check it'
     yield from (f"# (?) {doubt}" for doubt in found.doubts)
     if found.kind != "time":
         yield from _spectrum(found)
         return
     drive = next((channel for channel in _DRIVES if channel in found.columns), "")
-    sure = "what was imposed" if drive == "force" else "what was imposed (?)"
+    sure = "the imposed channel" if drive == "force" else "the imposed channel (?)"
     line = f'drive = "{drive}"' if drive in found.values else f'# drive = "{drive or "force"}"'
-    yield f"{line:<33}# {sure if drive in found.values else 'what was imposed: its channel is not known yet (?)'}"
+    yield f"{line:<33}# {sure if drive in found.values else 'the imposed channel, not known yet (?)'}"
     if "time" not in found.values:
-        yield "# sample_rate = 1000.0           # Hz (?) the file has no times"
+        yield "# sample_rate = 1000.0           # Hz (?) the file has no time column"
     yield from _load(found, drive)
     if not same:
         yield "[records.channels]"
@@ -152,7 +152,7 @@ def _load(found: FoundFile, drive: str) -> Iterator[str]:
         ohm = float(voltage @ current) / power
         off = np.linalg.norm(voltage - ohm * current) / max(float(np.linalg.norm(voltage)), np.finfo(float).tiny)
         if ohm > 0 and off < _OHM_SCATTER:
-            yield f"{f'load_resistance = {ohm:.4g}':<33}# ohm; voltage over current (?) what its label says is better"
+            yield f"{f'load_resistance = {ohm:.4g}':<33}# ohm; voltage over current (?) prefer the nominal value"
             return
     yield '# load_resistance = 1e5          # ohm (?) or: shunt = { kind = "open" }, "short", "parallel_sshi", ...'
 

@@ -30,7 +30,7 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
         with _progress() as progress:
             result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, notify=note)
     except (KeyboardInterrupt, SystemExit):
-        note("what is done is kept: the same command goes on from there")
+        note("finished designs are kept: the same command resumes the sweep")
         raise
     if as_json:
         tables.print_json(result.as_json())
@@ -49,7 +49,7 @@ def _report_outcome(result: SweepResult) -> int:
         f"{count} of {result.rows} rows {what}"
         for count, what in (
             (result.failed, "did not converge (converged is false)"),
-            (result.incomplete, "converged without an answer for every output (null)"),
+            (result.incomplete, "converged, but have no value for some output (null)"),
         )
         if count
     ]

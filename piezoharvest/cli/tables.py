@@ -98,8 +98,8 @@ def _supply_columns(responses: Sequence[Response]) -> list[Column]:
     packets = [r.packets_per_hour for r in responses]
     return [
         Column("turns on after", "s", [r.time_to_turn_on for r in responses]),
-        Column("wakes an hour", "", [r.wakes_per_hour for r in responses]),
-        *([Column("packets an hour", "", packets)] if any(each is not None for each in packets) else []),
+        Column("wake-ups per hour", "", [r.wakes_per_hour for r in responses]),
+        *([Column("packets per hour", "", packets)] if any(each is not None for each in packets) else []),
         Column("energy stored", "J", [r.energy_stored for r in responses]),
     ]
 

@@ -20,13 +20,13 @@ SIMULATED, MEASURED, EXTENDED = style.PALETTE[0], style.INK, style.PALETTE[1]
 def pictures(story: Story) -> Iterator[Picture]:
     """All figures, one after the other."""
     caption = (
-        "Voltage of the electrodes at the end of the record of the first measurement (dots), as the design had "
-        "simulated it, and as the model with the cause in it does. No fit has seen this record."
+        "Electrode voltage at the end of the record of the first measurement (dots), as simulated by the design, and "
+        "as simulated by the model with the cause included. This record was not used in any fit."
     )
-    yield Picture("voltage", "wrong", "What was simulated, and what was there", caption, _voltage(story))
+    yield Picture("voltage", "wrong", "Simulated and measured voltage", caption, _voltage(story))
     caption = (
-        "Power of the load at the excitation of the design. Filled: simulated; open: measured by the bench. The second "
-        "and third are predictions of the first measurement, by models fitted to other records."
+        "Power of the load at the excitation of the design. Filled: simulated; open: measured on the virtual bench. "
+        "The second and third bars are predictions of the first measurement, by models fitted to other records."
     )
     yield Picture("powers", "gain", "Powers, simulated and measured", caption, _powers(story))
 
@@ -62,7 +62,7 @@ def _repeated(response: Response | None, period: float) -> tuple[np.ndarray, np.
 def _powers(story: Story) -> Any:
     rows = [
         ("first design, simulated", story.designed.harvested_power, SIMULATED, True),
-        ("predicted: model as it was, fitted", story.fitted.harvested_power, SIMULATED, True),
+        ("predicted: original model, fitted", story.fitted.harvested_power, SIMULATED, True),
         ("predicted: with the cause", story.extended.harvested_power, EXTENDED, True),
         ("first design, measured", story.first.power, MEASURED, False),
         ("second design, simulated", story.redesigned.harvested_power, EXTENDED, True),

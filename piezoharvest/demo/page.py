@@ -68,23 +68,23 @@ def answer(story: Story) -> str:
     gained = _change(story.second.power, story.first.power)
     return (
         f"Designed for {engineering(story.designed.harvested_power, 'W')}, the {kind_name(story.designed.shunt.kind)} "
-        f"gave {engineering(story.first.power, 'W')} on the bench. The cause is {_named(story)}. Designed again with "
-        f"it, the circuit gives {engineering(story.second.power, 'W')}: {_signed(gained)}, measured."
+        f"gave {engineering(story.first.power, 'W')} on the virtual bench. The cause is {_named(story)}. Designed "
+        f"again with this cause, the circuit gives {engineering(story.second.power, 'W')}, measured: {_signed(gained)}."
     )
 
 
 def _cards(story: Story) -> Iterator[tuple[str, str, str]]:
     first, second = story.first.power, story.second.power
     missing = _change(first, story.designed.harvested_power)
-    yield "first design, measured", engineering(first, "W"), f"{_signed(missing)} against its simulation"
+    yield "first design, measured", engineering(first, "W"), f"{_signed(missing)} relative to its simulation"
     for named in story.found.effects:
         remark = f"removes {percent(named.gain)} of the error of a record that was not fitted"
         yield "cause", named.effect.name.replace("_", " "), remark
     predicted = story.extended.harvested_power
-    remark = f"{_signed(_change(predicted, first))} against the measurement"
-    yield "predicted with it", engineering(predicted, "W"), remark
+    remark = f"{_signed(_change(predicted, first))} relative to the measurement"
+    yield "predicted with the cause", engineering(predicted, "W"), remark
     gained = _change(second, first)
-    yield "second design, measured", engineering(second, "W"), f"{_signed(gained)} against the first"
+    yield "second design, measured", engineering(second, "W"), f"{_signed(gained)} relative to the first"
 
 
 def _ranking(story: Story) -> Iterator[tuple[str, ...]]:
@@ -120,7 +120,7 @@ def _predictions(story: Story) -> Iterator[tuple[str, ...]]:
     """What predicts the first measurement, its power, and the error."""
     for name, power in (
         ("the design, from the data sheet", story.designed.harvested_power),
-        ("the model as it was, fitted to the campaign", story.fitted.harvested_power),
+        ("the original model, fitted to the campaign", story.fitted.harvested_power),
         ("the model with the cause, fitted to the campaign", story.extended.harvested_power),
     ):
         yield name, engineering(power, "W", 4), _signed(_change(power, story.first.power))
@@ -140,7 +140,7 @@ def _changes(story: Story) -> Iterator[tuple[str, ...]]:
     capacitance = story.study.transducer.capacitance
     yield "load", *(engineering(shunt.load_resistance, "ohm") for shunt in shunts)
     yield "switch acts after the extremum by", *(engineering(shunt.time_lag, "s") for shunt in shunts)
-    yield "switch is told to stay closed for", *(engineering(shunt.on_time(capacitance), "s") for shunt in shunts)
+    yield "switch is commanded to stay closed for", *(engineering(shunt.on_time(capacitance), "s") for shunt in shunts)
 
 
 def _powers(story: Story) -> Iterator[tuple[str, ...]]:

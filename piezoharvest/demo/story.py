@@ -26,9 +26,9 @@ from piezoharvest.study import Study, load_driven_study, load_study, read_toml
 PERIODS = 10  # at the end of a record, over which the power is averaged: by then it is within 0.3 % of its steady state
 STEPS = (
     ("the first design", "piezoharvest design study.toml --report design"),
-    ("one look at its power", "piezoharvest measure built.toml --out measured"),
+    ("measurement of its power", "piezoharvest measure built.toml --out measured"),
     ("the campaign", "piezoharvest measure bench.toml --out campaign"),
-    ("the model as it was, fitted", "piezoharvest identify campaign/campaign.toml --save identified.toml"),
+    ("the original model, fitted", "piezoharvest identify campaign/campaign.toml --save identified.toml"),
     ("the cause", "piezoharvest diagnose campaign/campaign.toml --report diagnosis --save specimen.toml"),
     ("what the fitted model predicts", "piezoharvest simulate identified_prediction.toml"),
     ("what the extended model predicts", "piezoharvest simulate specimen_prediction.toml"),
@@ -132,7 +132,7 @@ def tell(path: Path, bench: Mapping[str, Any], first: DesignResult, folder: Path
         _steady(written(f"{name}_prediction.toml", built, {"transducer": f"{name}.toml"}))
         for name in ("identified", "specimen")
     )
-    progress("designing again, with what was found")
+    progress("designing again, with the cause")
     # A command of the switch's controller, which the first design had no reason to change, is free now.
     goal = {**tables["design"], "candidates": [built.kind], "tune": ["on_time_error"]}
     changed = written("redesign.toml", first.best.shunt, {"transducer": "specimen.toml", "design": goal})

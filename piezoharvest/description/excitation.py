@@ -113,8 +113,8 @@ class _Sine(Excitation):
     batched: ClassVar[bool] = True
 
     amplitude: float = quantity("N or m/s^2", "peak value", at_least=0)
-    frequency: float = quantity("Hz", "frequency", above=0)
-    offset: float = quantity("N or m/s^2", "static value added to the sine", default=0.0)
+    frequency: float = quantity("Hz", "frequency of the sine", above=0)
+    offset: float = quantity("N or m/s^2", "static value to which the sine is added", default=0.0)
 
     @property
     def period(self):
@@ -159,8 +159,8 @@ class StepForce(Excitation):
     kind: ClassVar[str] = "step_force"
 
     amplitude: float = quantity("N", "height of the step")
-    duration: float = quantity("s", "time from the beginning of the rise to the beginning of the fall", above=0)
-    rise_time: float = quantity("s", "time of rise and of fall", default=0.0, at_least=0)
+    duration: float = quantity("s", "time from the start of the rise to the start of the fall", above=0)
+    rise_time: float = quantity("s", "duration of the rise, and of the fall", default=0.0, at_least=0)
     offset: float = quantity("N", "static preload", default=0.0)
 
     def __post_init__(self) -> None:
@@ -193,7 +193,7 @@ class Multisine(Excitation):
     amplitudes: tuple[float, ...] = quantity("N", "peak value of each tone")
     frequencies: tuple[float, ...] = quantity("Hz", "frequency of each tone", above=0)
     phases: tuple[float, ...] = quantity("rad", "phase of each tone")
-    duration: float = quantity("s", "length of the record, a whole number of periods of every tone", above=0)
+    duration: float = quantity("s", "duration, a whole number of periods of every tone", above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -227,8 +227,8 @@ class Multisine(Excitation):
 @dataclass(frozen=True, kw_only=True)
 class _Random(Excitation):
     psd: float = quantity("N^2/Hz or (m/s^2)^2/Hz", "one-sided power spectral density", at_least=0)
-    band: tuple[float, float] = quantity("Hz", "lower and upper edge of the band", at_least=0)
-    duration: float = quantity("s", "length of the realisation", above=0)
+    band: tuple[float, float] = quantity("Hz", "lower and upper limit of the band", at_least=0)
+    duration: float = quantity("s", "duration of the realisation", above=0)
     seed: int = quantity("", "seed of the realisation", at_least=0)
 
     # Samples at the upper edge of the band: the straight pieces between them are compensated exactly below it.
@@ -326,9 +326,9 @@ class Record(Samples):
     quantity : "force" or "base_acceleration"
         What was recorded.
     unit : str
-        Of the values, as "kN" or "g"; by default that which the file states, else N or m/s^2.
+        Of the values, such as "kN" or "g"; default: that stated in the file, else N or m/s^2.
     gain : float
-        In `unit` for one of the file's numbers; where it is given the file's unit is none of the values.
+        In `unit`, per number in the file; if it is given, the unit stated in the file is ignored.
     file : str
         In any format of a campaign's records.
     column : str or int
@@ -347,11 +347,11 @@ class Record(Samples):
 
     file: str = described("data file")
     column: Any = described("name of the column, or its number counted from 1")
-    quantity: Literal["force", "base_acceleration"] = described("what the column is", default="force")
+    quantity: Literal["force", "base_acceleration"] = described("quantity in the column", default="force")
     unit: str | None = described("unit of the values; default: that of the file, or the SI unit", default=None)
-    gain: float | None = _quantity("", "values for one number of the file", default=None)
-    skip_rows: int | None = _quantity("", "lines above the table", default=None, at_least=0)
-    header_row: int | None = _quantity("", "line with the names", default=None, at_least=1)
+    gain: float | None = _quantity("", "gain: quantity per number in the file", default=None)
+    skip_rows: int | None = _quantity("", "number of lines above the table", default=None, at_least=0)
+    header_row: int | None = _quantity("", "number of the line with the column names", default=None, at_least=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -41,15 +41,23 @@ def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | No
     if transducer.hysteresis:
         found = len(transducer.hysteresis.thresholds)
         _check("transducer.hysteresis.thresholds", found, MOST_STOPS, "thresholds", "merge neighbours")
-    _check("transducer.modes", len(transducer.modes), MOST_MODES, "modes", "keep those nearest to the drive")
-    _check("transducer.electrodes", len(transducer.electrodes), MOST_ELECTRODES, "electrodes", "leave out open ones")
+    _check(
+        "transducer.modes", len(transducer.modes), MOST_MODES, "modes", "keep those nearest to the excitation frequency"
+    )
+    _check(
+        "transducer.electrodes",
+        len(transducer.electrodes),
+        MOST_ELECTRODES,
+        "electrodes",
+        "leave out those with open electrodes",
+    )
     if isinstance(excitation, Multisine):
         found = len(excitation.frequencies)
-        _check("excitation.frequencies", found, MOST_TONES, "tones", "take kind = 'record' with the sum of them")
+        _check("excitation.frequencies", found, MOST_TONES, "tones", "use kind = 'record' with their sum")
     else:
         _check("excitation", excitation.samples, MOST_SAMPLES, "samples", "a shorter duration or a lower rate or band")
     if isinstance(shunt, Network):
-        _check("netlist", len(shunt.elements), MOST_ELEMENTS, "elements", "merge what is in series or parallel")
+        _check("netlist", len(shunt.elements), MOST_ELEMENTS, "elements", "merge elements in series or parallel")
 
 
 def check_length(transducer: Transducer, excitation: Excitation, length: float) -> None:

@@ -30,10 +30,10 @@ KEY, PLACES = "modes_file", "shapes"
 GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes",
          "modal", "datasheet", "catalogue")  # by the file  # fmt: skip
 _NOT_READ = (
-    "found what SPMWRITE writes (.spm), whose layout is not described in public; write its modes as a CSV file "
+    "found a file of SPMWRITE (.spm), whose format is not published; write its modes as a CSV file "
     "(frequency and damping are in A, 'force' and 'coupling_0' are columns of the lower half of B, 'sensor' a row of C)"
 )
-_TWICE = f"found beside {KEY}, which gives it: take one of the two away"
+_TWICE = f"found together with {KEY}, which gives it too: remove one of the two"
 
 
 def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -58,7 +58,9 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     columns = _columns(folder / name, name, count, table.pop(PLACES, None))
     first = np.flatnonzero(columns["force"])
     if not len(first):
-        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', but some mode must move with it")
+        raise ParameterError(
+            KEY, f"{name}: found only zeros in column 'force', but the force must drive at least one mode"
+        )
     order = [first[0], *(n for n in range(len(columns["force"])) if n != first[0])]
     shares = [columns["force"][first[0]], *[1.0] * (len(order) - 1)]
     modes = [_mode(columns, n, share) for n, share in zip(order, shares, strict=True)]
@@ -102,7 +104,9 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
 
     if not path.is_file():
         folder = path.is_dir()
-        raise ParameterError(KEY, f"found {name!r}, which is {'a folder, not a file' if folder else 'no file here'}")
+        raise ParameterError(
+            KEY, f"found {name!r}, which is {'a directory, not a file' if folder else 'no existing file'}"
+        )
     if path.suffix.lower() == ".spm":
         raise ParameterError(KEY, f"{name}: {_NOT_READ}")
     if path.suffix.lower() in Uff.suffixes:
@@ -111,7 +115,7 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
             raise ParameterError(KEY, f"{name}, mode {row + 1}: {message}")
         return {"sensor": columns["force"], **columns}
     if places is not None:
-        raise ParameterError(PLACES, f"found beside {name}, whose columns say it: take it away")
+        raise ParameterError(PLACES, f"found together with {name}, whose columns give it: remove it")
     return _read(path, name, electrodes)
 
 
@@ -131,7 +135,7 @@ def _at_places(path: Path, name: str, electrodes: int, places: Any) -> dict[str,
         if key not in places:
             raise ParameterError(f"{PLACES}.{key}", f"missing key, needed for the shapes in {name}")
         if key not in known:
-            raise ParameterError(f"{PLACES}.{key}", f"found, but allowed are {', '.join(known)}")
+            raise ParameterError(f"{PLACES}.{key}", f"found an unknown key, allowed are {', '.join(known)}")
     try:
         shapes = ModeShapes(path)
     except ReadError as error:
@@ -167,7 +171,7 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
         raise ParameterError(KEY, f"{where}: {error.message}") from None
     if spare:
         found = f"found column {spare[0]!r}, but {electrodes} pair{'s' if electrodes > 1 else ''} of electrodes"
-        raise ParameterError(KEY, f"{name}: {found}; each further one needs a table [[transducer.electrodes]]")
+        raise ParameterError(KEY, f"{name}: {found}; each further pair needs a table [[transducer.electrodes]]")
     for message, row in _faults(columns):
         at = numbering[row] if isinstance(numbering, np.ndarray) else numbering + row
         raise ParameterError(KEY, f"{name}, row {at}: {message}")

@@ -16,7 +16,7 @@ def _width(doc: str):
 
 
 def _coefficient(doc: str):
-    return quantity("1/K", f"relative change of {doc} a kelvin", default=None)
+    return quantity("1/K", f"relative change of {doc} per kelvin", default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Tolerance(Component):
         that takes its quantity to zero within the temperatures.
     """
 
-    from_: str | None = described("specimen file, whose confidence region may vary", default=None)
+    from_: str | None = described("specimen file, within whose confidence region the specimen may vary", default=None)
     level: float | None = quantity(
         "", "probability of the specimen's confidence region", default=None, at_least=0.5, at_most=0.9999
     )
@@ -43,9 +43,9 @@ class Tolerance(Component):
     damping: float | None = _width("the damping of all modes")
     coupling: float | None = _width("the coupling of all modes")
     capacitance: float | None = _width("the clamped capacitance")
-    load: float | None = _width("the load's resistance")
-    load_resistance: float | None = _width("the load's resistance")
-    frequency: float | None = _width("the frequency of a sine")
+    load: float | None = _width("the load resistance")
+    load_resistance: float | None = _width("the load resistance")
+    frequency: float | None = _width("the frequency of a sine excitation")
     temperature: float | None = quantity("K", "half-width of the temperature", default=None, at_least=0)
     temperature_coefficient_stiffness: float | None = _coefficient("the stiffness of all modes")
     temperature_coefficient_coupling: float | None = _coefficient("the coupling of all modes")
@@ -60,7 +60,9 @@ class Tolerance(Component):
         if self.level is not None and self.from_ is None:
             raise ParameterError("level", f"found {self.level:g} without from = a specimen file, which it needs")
         if self.load is not None and self.load_resistance is not None:
-            raise ParameterError("load_resistance", "found beside load, which is the same, but only one is allowed")
+            raise ParameterError(
+                "load_resistance", "found together with load, which means the same, but only one is allowed"
+            )
         if self.temperature is None and self.coefficients:
             raise ParameterError("temperature", "missing key, a temperature coefficient needs this half-width (K)")
         if self.temperature is not None and not self.coefficients:

@@ -31,11 +31,11 @@ class Mode(Component):
     mass: float = quantity("kg", "modal mass m", above=0)
     damping: float = quantity("N s/m", "viscous damping b", at_least=0)
     stiffness: float = quantity("N/m", "short-circuit stiffness k", above=0)
-    coupling: float = quantity("N/V", "electromechanical coupling T, force a volt or charge a metre")
-    force_participation: float = quantity("", "share of F, and of the displacement read there", default=1.0)
+    coupling: float = quantity("N/V", "electromechanical coupling T, force per volt or charge per metre")
+    force_participation: float = quantity("", "participation in F, and in the displacement measured there", default=1.0)
     effective_mass: float | None = quantity("kg", "mass that base acceleration drives", default=None)
     sensor_participation: float | None = quantity(
-        "", "share of the displacement read; default that of the force", default=None
+        "", "participation in the measured displacement; default: that in the force", default=None
     )
 
     @property
@@ -64,7 +64,7 @@ class Electrode(Component):
     """
 
     capacitance: float = quantity("F", "clamped capacitance C", above=0)
-    coupling: tuple[float, ...] | float = quantity("N/V", "coupling T with each mode, the first one's first")
+    coupling: tuple[float, ...] | float = quantity("N/V", "coupling T with each mode, first mode first")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,20 +97,20 @@ class Transducer(Component):
     mass: float = quantity("kg", "mass m of the first mode", above=0)
     damping: float = quantity("N s/m", "viscous damping b", at_least=0)
     stiffness: float = quantity("N/m", "short-circuit stiffness k", above=0)
-    coupling: float = quantity("N/V", "electromechanical coupling T, force a volt or charge a metre")
+    coupling: float = quantity("N/V", "electromechanical coupling T, force per volt or charge per metre")
     capacitance: float = quantity("F", "clamped capacitance C", above=0)
-    effective_mass: float | None = quantity("kg", "mass that base acceleration drives; default the mass", default=None)
+    effective_mass: float | None = quantity("kg", "mass that base acceleration drives; default: the mass", default=None)
     sensor_participation: float | None = quantity(
-        "", "share of the first mode in the displacement read; default 1, as of the force", default=None
+        "", "participation of the first mode in the measured displacement; default: 1, as in the force", default=None
     )
     hysteresis: Hysteresis | None = None
     modes: tuple[Mode, ...] = ()
     electrodes: tuple[Electrode, ...] = ()
     effects: tuple[Effect, ...] = ()
     name: str = described("name for reports", default="")
-    quasi_static: bool = described("without inertia and damping; only in a campaign", default=False)
+    quasi_static: bool = described("whether inertia and damping are left out; only in a campaign", default=False)
     assumptions: tuple[str, ...] = dataclasses.field(
-        default=(), compare=False, repr=False, metadata={"doc": "what was assumed where the values come from"}
+        default=(), compare=False, repr=False, metadata={"doc": "assumptions behind the values"}
     )
 
     def __post_init__(self) -> None:
@@ -199,7 +199,7 @@ class Transducer(Component):
         ]  # fmt: skip
         if missing:
             given = ", ".join(sorted(own & set(figures)))
-            raise ParameterError(missing[0], f"missing key, it is needed{f' beside {given}' if given else ''}")
+            raise ParameterError(missing[0], f"missing key, it is needed{f' together with {given}' if given else ''}")
         found = kind(**{key: value for key, value in figures.items() if key in own}).lumped()
         return cls(**{**found._asdict(), **{key: value for key, value in figures.items() if key not in own}})
 

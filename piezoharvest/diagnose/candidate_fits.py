@@ -237,7 +237,7 @@ class CandidateFits:
         )
         effect = step.found.model.transducer.effects[-1]
         if not effect.shown(scales):
-            self.progress(f"{effect.name} is out of the range that the records show")
+            self.progress(f"{effect.name} is outside the range that the records can show")
             return None
         return step
 
@@ -299,7 +299,7 @@ class CandidateFits:
         step = self._fit(free, nuisance, found)
         if step is None or self._is_start_alone(step):
             return now
-        self.progress(f"{', '.join(now.effects)}: under way as records begin")
+        self.progress(f"{', '.join(now.effects)}: still in progress as records begin")
         return self._remember_converged(step) or now
 
     def begun_as_shown(self, now: EffectChange) -> EffectChange:

@@ -277,11 +277,11 @@ def diagnose(
     if cut is None:
         found = _diagnose_all(campaign, progress, library)
         return _with_laws(found, campaign, progress) if library is None else found
-    progress(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
+    progress(f"{', '.join(cut.records)}: the {cut.effect.channel} saturated; the samples after that are left out")
     try:
         found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
     except PredictionError as error:
-        progress(f"what is left cannot be fitted: {error}")
+        progress(f"the remaining samples cannot be fitted: {error}")
         found = None
     return found or _diagnose_all(campaign, progress, library)
 
@@ -293,7 +293,7 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
     """
     if found.verdict != "unexplained":
         return found
-    progress("no known effect explains it: looking for a law without a name")
+    progress("no known effect explains the residuals: looking for a law without a name")
     if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
         moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
@@ -356,13 +356,13 @@ def _diagnose_all(
     progress(Step("fitting the model"))
     offsets = OFFSET_CHANNELS
     if voltage_is_off(campaign):
-        progress("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
+        progress("the voltage has an offset: its mean is larger with a smaller resistor, which no current can cause")
         offsets = (*OFFSET_CHANNELS, "voltage")
     before = identified(campaign, offsets, progress)
     found = _diagnose_extending_fit(before, progress, library)
     if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
         return found
-    progress("the fit comes to no end: once more without inertia and damping, which may be what runs away")
+    progress("the fit does not converge: repeated without inertia and damping, which may be the cause")
     quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
     other = _diagnose_extending_fit(identified(quasi_static, offsets, progress), progress, library)
     return other if other.search.final.converged else found
@@ -378,7 +378,7 @@ def _diagnose_extending_fit(
         if found.left or not found.unseen:
             return found
         name = worst_record(found.campaign, found.unseen)
-    progress(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
+    progress(f"{name}: residuals are larger than in the fitted records, so it is fitted too")
     more = identified(with_fitted(before.campaign, name), before.offsets, progress, near=before)
     found = _diagnose_extending_fit(more, progress, library)
     return replace(found, also_fitted=(name, *found.also_fitted))
@@ -397,7 +397,7 @@ def _diagnose_roles(
     squares = [whitened_squares(unseen, each) for each in checks]
     named = _named_effects(campaign, before, trials, search, squares)
     while _last_is_chance(trials, search, named) or _last_is_idle(search, named, squares):
-        progress(f"{search.order[-1].name} was chance: it does nothing for records that were not fitted, or for any")
+        progress(f"{search.order[-1].name} was chance: it does not improve records that were not fitted, or any")
         search = search.without_last(trials.failed_tests_refitted(search.before_last))
         checks, squares = checks[:-1], squares[:-1]
         named = _named_effects(campaign, before, trials, search, squares)

@@ -33,7 +33,7 @@ from piezoharvest.predict.prediction import PredictionError
 FITS_PER_STAGE = 4  # full fits a stage
 FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
 STAGE_ITERATIONS = 6  # iterations after which a full fit waits for the others of its stage
-UNEXPLAINED_MESSAGE = "what stands out is as it was: no effect of the library explains it"
+UNEXPLAINED_MESSAGE = "the conspicuous residuals are unchanged: no effect of the library explains them"
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Searcher:
             try:
                 more = self._add_effect(found)
             except PredictionError as error:  # the effects found so far can be simulated
-                trials.progress(f"the search ends: with one effect more the model cannot follow the records ({error})")
+                trials.progress(f"the search ends: with one more effect the model cannot predict the records ({error})")
                 break
             if more is None:
                 break
@@ -158,7 +158,7 @@ class Searcher:
         try:
             close = () if left else self._alternatives(now, found.alternatives)
         except PredictionError as error:  # without one of its effects the model cannot be scored
-            trials.progress(f"no other set is tried: the model cannot follow the records with it ({error})")
+            trials.progress(f"no other set is tried: with it the model cannot predict the records ({error})")
             close = ()
         return Search(
             trials.base, self._nested(now), now.found.model.transducer.effects[self.given_effects :], tuple(levels),
@@ -190,7 +190,7 @@ class Searcher:
         if better is not None:
             level = self._p_value(better, after, trials.scores(now))
             if level > thresholds.SEARCH_LEVEL:
-                trials.progress(f"{after.effects[-1]} has only led to a better minimum without it")
+                trials.progress(f"{after.effects[-1]} only led to a better minimum, which does not need it")
                 return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
         trials.progress(f"found {', '.join(after.effects)}")
         settled = trials.redetermine(trials.with_states_begun(trials.begun_as_shown(after)))
@@ -338,7 +338,7 @@ class Searcher:
                 continue
             p_value = float(chi2.sf(_deflated_gain(less, now, n), self._parameter_count(now.found, n)))
             if p_value > thresholds.SEARCH_LEVEL:
-                self.trials.progress(f"{now.effects[n]} is not needed any more")
+                self.trials.progress(f"{now.effects[n]} is no longer needed")
                 now, levels = less, self._p_values_without(levels, n)
                 continue
             better = self._exchange(now, less, n)
@@ -361,7 +361,7 @@ class Searcher:
                 less = self.trials.best_without(now, n)
                 if less is not None:
                     self.trials.progress(
-                        f"{now.effects[n]} is within {thresholds.MIN_STANDARD_ERRORS:g} standard errors of nothing"
+                        f"{now.effects[n]} is within {thresholds.MIN_STANDARD_ERRORS:g} standard errors of zero"
                     )
                     now, levels = less, self._p_values_without(levels, n)
                     n = len(now.effects)

@@ -103,22 +103,25 @@ def sentence(diagnosis: Diagnosis) -> str:
             for each in diagnosis.deviating
         )
         parts.append(
-            f"The fit wants {far}, which may stand in for what no known effect has, unless that value was wrong."
+            f"The fit puts {far}, which may compensate for something that no known effect describes, unless the "
+            "nominal value was wrong."
         )
     for named in (each for each in diagnosis.effects if each.other_sign is not None):
         parts.append(_other_sign(named))
     if diagnosis.cut:
-        after = "after the drive was cut off is left out."
-        parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
+        after = "after the drive saturated is left out."
+        parts.append(f"What {', '.join(diagnosis.cut)} contain{_s(diagnosis.cut)} {after}")
     if diagnosis.campaign.transducer.quasi_static:
         parts.append("Inertia and damping do not show in these records.")
     if diagnosis.unpredicted:
         parts.append(
-            f"The model with these effects cannot follow {', '.join(diagnosis.unpredicted)}, which had no say then."
+            f"The model with these effects cannot predict {', '.join(diagnosis.unpredicted)}, which did not count then."
         )
     if diagnosis.also_fitted:
         names, they = ", ".join(diagnosis.also_fitted), "it was" if len(diagnosis.also_fitted) == 1 else "they were"
-        parts.append(f"More is left of {names} than of the records fitted before, so that {they} fitted, too.")
+        parts.append(
+            f"The residuals of {names} are larger than those of the records fitted first, so {they} fitted too."
+        )
         if not diagnosis.campaign.of_role("validate"):
             parts.append("No record is left to validate with.")
     return " ".join(parts)
@@ -130,8 +133,8 @@ def _other_sign(named: Named) -> str:
     (other, probability), name = named.other_sign, type(named.effect).strength().name
     value, odds = named.values[name][0], (1.0 - probability) / probability
     return (
-        f"The sign of {_words(named.effect.name)} is not told: {name} may be {value:.3g} or, at odds of {odds:.2g} to "
-        f"one against it, {other:.3g}."
+        f"The sign of {_words(named.effect.name)} is not certain: {name} may be {value:.3g} or, at odds of {odds:.2g} "
+        f"to one against it, {other:.3g}."
     )
 
 
@@ -143,23 +146,22 @@ def _s(names: Sequence[str]) -> str:
 def _verdict(diagnosis: Diagnosis) -> str:
     names = " and ".join(_described(named) for named in diagnosis.effects)
     if diagnosis.verdict == "adequate":
-        return (
-            "Nothing is missing: the residuals of the fitted model are noise, and no known effect makes them smaller."
-        )
+        return "Nothing is missing: the residuals of the fitted model are noise, and no known effect reduces them."
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
-        return f"The model lacked {names}: with it, {100 * gain:.0f} % of {_judged(diagnosis)} above the noise is gone."
+        them = "it" if len(diagnosis.effects) == 1 else "them"
+        share = f"{100 * gain:.0f} % of {_judged(diagnosis)}"
+        return f"The model lacked {names}: including {them} removes {share} above the noise."
     if diagnosis.discovery:
         return _verdict_of_laws(diagnosis)
     if diagnosis.verdict == "ambiguous":
         others = " or ".join(" and ".join(map(_words, some)) for some in diagnosis.alternatives)
-        return f"The model lacks {names}, or else {others}: these records cannot tell."
+        return f"The model lacks {names}, or else {others}: these records cannot distinguish them."
     verb = "was" if len(diagnosis.effects) == 1 else "were"
-    found = f" {names[0].upper()}{names[1:]} {verb} found on the way." if names else ""
+    found = f" {names[0].upper()}{names[1:]} {verb} found in addition." if names else ""
     harm = " and ".join(_described(named) for named in diagnosis.effects if named.spoils)
-    spoiled = (
-        f" Records that were not fitted are worse with {harm}, so that it stands in for something else." if harm else ""
-    )
+    spoiled = f" With {harm}, records that were not fitted are predicted worse: it compensates for something else."
+    spoiled = spoiled if harm else ""
     return f"Something is missing that no known effect explains.{found}{spoiled}"
 
 
@@ -171,11 +173,12 @@ def _judged(diagnosis: Diagnosis) -> str:
 def _verdict_of_laws(diagnosis: Diagnosis) -> str:
     laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
     gain = sum(law.gain for law in diagnosis.discovery)
-    told = f"No known effect explains what was missing, but {laws}: with it, {100 * gain:.0f} % of {_judged(diagnosis)}"
+    removed = f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:.0f} % of {_judged(diagnosis)}"
+    told = f"No known effect explains what was missing, but {laws}, {removed} above the noise."
     if diagnosis.verdict == "new_effect":
-        return f"{told} above the noise is gone."
+        return told
     others = " or ".join(_at(" and ".join(names)) for names in diagnosis.alternatives)
-    return f"{told} above the noise is gone. These records cannot tell it from one at {others}."
+    return f"{told} These records cannot distinguish it from a law at {others}."
 
 
 def _at(place: str) -> str:

@@ -156,11 +156,11 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
         "the stored energy changes from period to period": (
             finite & periodic & (np.abs(change) > MAX_DRIFT * np.abs(supplied) + rounding)
         ),
-        "more power comes in than the drive can give, sum F^2/(2 b)": (
+        "more power comes in than the excitation can supply, sum F^2/(2 b)": (
             finite & periodic & passive & (energy["mechanical_in"] > (1.0 + BOUND_TOLERANCE) * most.supplied + rounding)
         ),
         "a loss is negative": finite & np.any([value < -BOUND_TOLERANCE * flows for value in own], axis=0),
-        "less than nothing is harvested, or more than comes in": finite & (
+        "the harvested power is negative, or larger than the power that comes in": finite & (
             # What control takes is a loss as well, and may be more than the circuit gives.
             (harvested + np.maximum(energy["shunt_loss"], 0.0) < -BOUND_TOLERANCE * flows)
             | (harvested > given + (0.0 if periodic else before) + BOUND_TOLERANCE * flows)
@@ -179,5 +179,5 @@ def uncertainty_message(harvested: float, off: float) -> str:
     if not off > HARVEST_TOLERANCE * abs(harvested) > 0.0:
         return ""
     digits = int(-np.log10(off / harvested)) if off < harvested else 0
-    confirmed = f"no more than {digits} of its digits" if digits else "none of its digits"
-    return f"the harvested power is so small a share of the mechanical one that the energy balance confirms {confirmed}"
+    confirmed = f"only {digits} of its digits" if digits else "none of its digits"
+    return f"the harvested power is too small a fraction of the mechanical one: the energy balance confirms {confirmed}"

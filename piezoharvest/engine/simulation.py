@@ -107,7 +107,7 @@ def simulate(
         return _replaced(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
         response = _with_remark(
-            response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
+            response, f"{', '.join(lowered.unfelt)}: not part of a simulation, only of measured records"
         )
     if system.shunt.sampled and not (radius := sampled_loop(system).radius) < 1.0:
         response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
@@ -204,14 +204,14 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
     arrives, here = shooting.from_rest(orbit, charged=not supplies)
     if arrives:
         empty = supplies or np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
-        elsewhere = "a motion from rest with an empty smoothing capacitor does not come to this steady state"
+        elsewhere = "a run that starts from rest with an empty smoothing capacitor does not reach this steady state"
         return orbit, mirrored, "" if empty else elsewhere, evaluations, True
     shooting = Shooting(Machine(lowered), period, False)
     reached = shooting.find(here)
     evaluations += reached.evaluations
     if not reached.converged or not shooting.near(reached, here):
         return orbit, mirrored, "", evaluations, False
-    message = "several periodic steady states exist; this is the one that a motion from rest comes to"
+    message = "several periodic steady states exist; this is the one that a run from rest reaches"
     return reached, False, message, evaluations, True
 
 
@@ -293,19 +293,21 @@ def _unsettled(lowered, excitation, samples: int, shunt: Shunt, orbit: Orbit, ev
     response = _response(lowered, recorder, shunt, window, begin, change, before)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
     if orbit.converged:
-        reason = "a periodic solution exists and is stable, but a motion from rest does not come to it"
+        reason = "a periodic solution exists and is stable, but a run from rest does not reach it"
     elif orbit.residual <= ACCEPTED:
         reason = f"the periodic solution is unstable (multiplier {orbit.radius:.4g})"
     else:
         reason = f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
     if response.wakes_per_hour is not None:
-        message += "; how a supply turns on and off is what a transient shows"
+        message += "; a transient shows how a supply turns on and off"
     events = response.events_per_period // UNSETTLED_PERIODS
     response = _replaced(response, period=period, energy=energy, events_per_period=events)
     spans = [float(each.extremes[0, 1] - each.extremes[0, 0]) for each in (state, recorder)]
     if response.converged and abs(spans[1] - spans[0]) <= STEADY_SPAN * spans[1]:
-        message = f"samples do not repeat with the period, or are rounded: averages over {UNSETTLED_PERIODS} periods"
+        message = (
+            f"samples do not repeat with the period, or are rounded: averages are over {UNSETTLED_PERIODS} periods"
+        )
         return _replaced(response, message=message, periods_evaluated=evaluations + skipped)
     return _replaced(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
 

@@ -165,10 +165,10 @@ def check(status: int) -> None:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
-            3: f"stopped after {MAX_WORK:.0e} units of work, the most that a simulation may take: it has too many "
-            "events or is too long",
-            4: f"more than {QUEUE_LENGTH} actions of the switch wait for their time at once: its lag is too long for a "
-            "displacement that turns so often",
+            3: f"stopped after {MAX_WORK:.0e} units of work, the limit for a simulation: it has too many events or "
+            "is too long",
+            4: f"more than {QUEUE_LENGTH} actions of the switch are pending at the same time: its lag is too long for "
+            "a displacement with so many extrema",
         }
         raise EngineError(reasons[status])
 

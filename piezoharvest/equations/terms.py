@@ -236,7 +236,7 @@ class Terms:
 
     def _column(self, name: str) -> Row:
         if len(self.columns) == MAX_COLUMNS:
-            raise ParameterError("transducer", f"found more than {MAX_COLUMNS} equations, take fewer modes or effects")
+            raise ParameterError("transducer", f"found more than {MAX_COLUMNS} equations, use fewer modes or effects")
         self.columns[name] = len(self.columns)
         return UNITS[self.columns[name]]
 
@@ -282,7 +282,7 @@ class Terms:
 
     def _unavailable(self) -> ParameterError:
         """Error for a row that the engine does not have."""
-        found = "found time by itself, or a power that is no whole number"
+        found = "found time by itself, or a power that is not a whole number"
         allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
         return ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
 
@@ -301,7 +301,7 @@ class Terms:
         bent = any(np.any(row[..., other]) for e in self.elements for row in (e.first, e.second))
         if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
             of, allowed = ("q, v, i or another one", "v_t, x and u") if charged else ("another one", "v, q, i, x and u")
-            found = f"found a smooth term of {of} beside {shunt.kind}, which takes charge at once"
+            found = f"found a smooth term of {of} beside {shunt.kind}, which draws charge instantly"
             raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
 
     def over(self, row: Row, states: Rows) -> Row:

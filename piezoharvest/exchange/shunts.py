@@ -50,7 +50,7 @@ Element(name='R1', kind='R', nodes=(2, 0), value=100.0, load=False))
     numerator, denominator, step = _polynomials(system)
     if step:
         if sample_time is not None and sample_time != step:
-            raise ParameterError("sample_time", f"found {sample_time} s, but the system has one of {step} s")
+            raise ParameterError("sample_time", f"found {sample_time} s, but the system has a sample time of {step} s")
         numerator, denominator = (_continuous(c, len(denominator) - 1, step) for c in (numerator, denominator))
         sample_time = step
     if sample_time is not None:
@@ -66,7 +66,7 @@ def _network(numerator: np.ndarray, denominator: np.ndarray) -> Network:
     """Network with an admittance: the first that has it of those without copies of parts and with them."""
     ratio = Ratio(numerator, denominator).cleaned().reduced()
     poles = len(ratio.below) - 1
-    instead = "a digital shunt has it all the same, give its sample_time"
+    instead = "a digital shunt can have it nevertheless, give its sample_time"
     reason = (
         "rounding hides its parts" if poles <= MOST_COPIED else f"it has {poles} poles, but no series or parallel parts"
     )

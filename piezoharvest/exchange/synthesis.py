@@ -153,7 +153,7 @@ def check_passive(ratio: Ratio) -> None:
             continue
         residue = np.polyval(ratio.above, pole) / np.polyval(np.polyder(ratio.below), pole)
         if not abs(np.imag(residue)) <= _CANCELS * np.real(residue):
-            raise NotRealisableError(f"a resonance without losses gives power at {abs(pole) / (2 * np.pi):.4g} Hz")
+            raise NotRealisableError(f"a resonance without losses generates power at {abs(pole) / (2 * np.pi):.4g} Hz")
     least, at = ratio.least_real_part()
     if least < -_ROUNDING * ratio.size():
         raise NotRealisableError(f"its real part is negative at {at / (2 * np.pi):.4g} Hz")

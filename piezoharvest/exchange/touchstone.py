@@ -78,6 +78,6 @@ def to_network(two_port: TwoPort, *, reference: Any = 50.0) -> Network:
     try:
         from skrf import Network
     except ModuleNotFoundError:
-        message = "scikit-rf is not installed, which makes networks: pip install 'piezoharvest[rf]'"
+        message = "making networks needs scikit-rf, which is not installed: pip install 'piezoharvest[rf]'"
         raise ParameterError("two_port", message) from None
     return Network(f=two_port.frequencies, f_unit="Hz", z=two_port.z, z0=np.asarray(reference, float))

@@ -82,13 +82,13 @@ def _channels(system: Any) -> tuple[np.ndarray, ...]:
         places.append([names.index(name) for name in wanted] if set(wanted) <= set(names) else [0, 1])
     columns, rows = places
     if np.any(d[np.ix_(rows, columns)]):
-        raise ParameterError("system", "found a direct feedthrough, but neither displacement nor voltage jumps")
+        raise ParameterError("system", "found a direct feedthrough, but neither displacement nor voltage can jump")
     return a, b[:, columns[0]], b[:, columns[1]], c[rows[0]], c[rows[1]]
 
 
 def _checked(system: Any, modes: list[dict[str, Any]], capacitance: float) -> Transducer:
     """The transducer, if it responds as the system does."""
-    needed = "must be the two-port of modes that ring, each moved by the force"
+    needed = "must be the two-port of underdamped modes, each driven by the force"
     if not modes:
         raise ParameterError("system", f"found no resonance with shorted electrodes, {needed}")
     try:

@@ -63,7 +63,7 @@ class PageServer:
         try:
             sockets = bind_sockets(port, _LOOPBACK, socket.AF_INET)
         except OSError as error:
-            raise OutputError(f"port {port}: no page can be served there ({error.strerror})") from None
+            raise OutputError(f"port {port}: the page cannot be served there ({error.strerror})") from None
         self.port: int = sockets[0].getsockname()[1]
         logging.getLogger("bokeh").setLevel(logging.ERROR)  # stderr is for what concerns the user
         logging.getLogger("tornado.access").setLevel(logging.CRITICAL)

@@ -112,13 +112,13 @@ def _figures(answer: StudyAnswer) -> str:
     }
     if bound is not None:
         rows |= {
-            "bound of passive linear circuits": engineering(bound.harvested_power, "W"),
-            "bound of any circuit": engineering(bound.any_interface, "W"),
+            "bound for passive linear circuits": engineering(bound.harvested_power, "W"),
+            "bound for any circuit": engineering(bound.any_interface, "W"),
         }
         if bound.attenuation_db is not None:
-            rows["bound of the attenuation, linear"] = engineering(bound.attenuation_db, "dB")
+            rows["bound for attenuation, linear"] = engineering(bound.attenuation_db, "dB")
         if bound.harvested_power:
             rows["share of the linear bound"] = engineering(100 * found.harvested_power / bound.harvested_power, "%")
     if not found.converged:
-        rows["not converged"] = "do not trust these figures"
+        rows["not converged"] = "these results are not to be trusted"
     return report_table(rows)

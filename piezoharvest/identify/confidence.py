@@ -29,7 +29,7 @@ def confidence_region(specimen: Specimen, first: str, second: str) -> np.ndarray
         if name not in names:
             raise ValueError(f"found {name!r}, the records determine {', '.join(names)}")
     if first == second:
-        raise ValueError(f"found {first!r} twice, a region is one of two parameters")
+        raise ValueError(f"found {first!r} twice, a region is for two different parameters")
     places = [names.index(first), names.index(second)]
     angle = np.linspace(0, 2 * np.pi, 200)
     # A chi-squared of two degrees of freedom is below -2 ln(1 - p) with the probability p.

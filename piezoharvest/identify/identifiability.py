@@ -31,11 +31,11 @@ MIN_EXPONENT = 0.2  # exponent from which on another parameter belongs to the co
 EXPERIMENTS = {
     "mass": "a record or a frequency response up to the resonance",
     "damping": "a frequency response through the resonance, or a free decay",
-    "stiffness": "a record with displacement, its electrodes shorted",
-    "coupling": "a record with voltage or current beside the displacement, or one driven by a voltage",
+    "stiffness": "a record with displacement, with shorted electrodes",
+    "coupling": "a record with voltage or current in addition to displacement, or one driven by a voltage",
     "capacitance": "an impedance below the resonance, or records with two load resistances",
-    "thresholds": "a record with larger charge, and a slow one that reverses several times",
-    "weights": "a record with larger charge, and a slow one that reverses several times",
+    "thresholds": "a record with larger charge, and a slow one with several reversals",
+    "weights": "a record with larger charge, and a slow one with several reversals",
 }
 
 
@@ -130,4 +130,6 @@ def _sensitivities(found: Fit, k: int, fixed: Sequence[int]) -> tuple[list[int],
 def experiment(parameter: Parameter) -> str:
     """Measurement that would determine a parameter."""
     words = [str(part) for part in parameter.path if isinstance(part, str)]
-    return next((EXPERIMENTS[word] for word in reversed(words) if word in EXPERIMENTS), "a record in which it matters")
+    return next(
+        (EXPERIMENTS[word] for word in reversed(words) if word in EXPERIMENTS), "a record on which it has an influence"
+    )

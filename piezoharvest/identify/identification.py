@@ -90,7 +90,7 @@ def identify(
     # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
     begun = search_initial_states(problem, first) if near is None else None
     if begun is not None:
-        progress("some records begin after a load that is not recorded")
+        progress("some records begin after a load history that was not recorded")
         first = fit(problem, first.model, begun, first.noise, progress=progress, rounds=2)
     relaxed = may_have_initial_states(problem, first.model) and not has_initial_states(problem, first)
     model = replace(first.model, relaxed=True) if relaxed else first.model
@@ -158,7 +158,7 @@ def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit
 
 def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequence[str]) -> Identification:
     """Identification of the quasi-static specimen."""
-    progress("inertia and damping do not show: the specimen is taken to be quasi-static")
+    progress("inertia and damping do not show: the specimen is treated as quasi-static")
     return identify(replace(campaign, transducer=as_quasi_static(campaign.transducer)), progress, offsets)
 
 
@@ -168,7 +168,7 @@ def _first_fit(problem: Problem, model: Model, progress: Progress, poor: Callabl
     own = tuple(parameter for parameter in model.parameters if not is_of_circuit(parameter))
     if len(own) == len(model.parameters) or mean_square(found) < MAX_MEAN_SQUARE:
         return found
-    progress("another start: circuits as their labels say")
+    progress("another start: circuits with their nominal values")
     held = growing_fit(problem, replace(model, parameters=own), progress, poor)
     free = replace(held.model, parameters=model.parameters)
     other = fit(problem, free, held.nuisance, held.noise, progress=progress, rounds=2)
@@ -229,13 +229,13 @@ def _estimates(campaign: Campaign, first: Fit, verdict: Selection, unsigned: fro
         std_here = slope * float(std[places[parameter.path]])
         if k in verdict.contradicted:
             less = "smaller" if abs(value) < abs(before) else "larger"
-            note = f"the records contradict the nominal value: it is {less}, but they do not tell by how much"
+            note = f"the records contradict the nominal value: it is {less}, but they do not determine by how much"
             yield Estimate(
                 parameter, value, before, std_here, False, experiment=experiment(parameter), note=note,
                 contradicted=True,
             )  # fmt: skip
             continue
-        note = "sign as nominal: the records tell its square" if parameter.name in unsigned else ""
+        note = "sign as nominal: the records determine only its square" if parameter.name in unsigned else ""
         yield Estimate(parameter, value, before, std_here, True, assumed(first, k, fixed), note=note)
 
 

@@ -47,16 +47,16 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
 def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
     """Warning about the fit of a response, or ""."""
     if data.reference is None:
-        return f"{data.name}: {len(data)} lines are too few to show their noise: the residual was taken for it"
+        return f"{data.name}: {len(data)} lines are too few to show their noise: the residual was used instead"
     if judged.missed is not None:
         return (
             f"{data.name}: near {judged.missed:.6g} Hz the fit is off by {judged.share:.0%} of the response, where the "
-            "noise is far less: it misses a resonance, or the specimen has one that the model has not"
+            "noise is far less: it misses a resonance, or the specimen has one that the model lacks"
         )
     if judged.lacking:
         return (
             f"{data.name}: the residual is {judged.ratio:.3g} times the noise that the lines themselves show: the "
-            "model lacks something; standard errors are wider by as much"
+            "model lacks something; standard errors are increased accordingly"
         )
     return ""
 

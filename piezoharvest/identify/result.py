@@ -203,8 +203,8 @@ class Identification(Shown):
         """Warnings about the result, in addition to the doubts."""
         contradicted = [estimate.parameter.name for estimate in self.estimates if estimate.contradicted]
         rough = (
-            f"the records contradict the nominal {' and '.join(contradicted)} without telling the value: give a nearer "
-            "one; standard errors of what else is fitted are rough"
+            f"the records contradict the nominal {' and '.join(contradicted)} but do not determine it: give a better "
+            "one; the standard errors of the other parameters are rough"
         )
         warnings = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
         return (*((rough,) if contradicted else ()), *warnings)

@@ -67,7 +67,7 @@ class LinearModel:
         try:
             solution = np.linalg.solve(self.M, np.concatenate((self.N, self.B), axis=-1))
         except np.linalg.LinAlgError:
-            raise ParameterError("capacitance", f"{CANCELLED}, take another value") from None
+            raise ParameterError("capacitance", f"{CANCELLED}, use another value") from None
         return solution[..., : len(self.states)], solution[..., len(self.states) :]
 
     def explicit(self, outputs: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

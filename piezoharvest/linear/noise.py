@@ -57,7 +57,7 @@ def white_noise_response(system: System, psd: float, *, base: bool = False) -> M
     a, b = model.dynamics()
     found = np.linalg.eigvals(a)
     if np.max(np.real(found)) >= -1e-9 * np.min(np.abs(found), initial=np.inf, where=np.abs(found) > 0):
-        raise ParameterError("shunt", "found a motion or a charge that does not die out, allowed are stable systems")
+        raise ParameterError("shunt", "found a motion or charge that does not decay, allowed are stable systems")
     balanced, (scale, _) = matrix_balance(a, separate=True, permute=False)
     drive = b / scale[:, None]
     covariance = solve_continuous_lyapunov(balanced, -0.5 * psd * drive @ drive.T)

@@ -54,7 +54,7 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
     try:
         found = np.linalg.eigvals(motion.T @ np.linalg.solve(m, n @ motion)) * rate
     except np.linalg.LinAlgError:
-        raise ParameterError("capacitance", f"{CANCELLED}, take another value") from None
+        raise ParameterError("capacitance", f"{CANCELLED}, use another value") from None
     found = np.concatenate((np.zeros(len(conserved)), found)).astype(complex)
     return found[np.lexsort((np.imag(found), np.abs(found)))]
 
@@ -138,4 +138,4 @@ def _stable_values(system: System, key: str, unit: str) -> str:
                 middle = (good * bad) ** 0.5
                 good, bad = (middle, bad) if stable(middle) else (good, middle)
             return f"{words} {good:.6g} {unit}"
-    return "another shunt: no value at all is stable with this transducer"
+    return "another shunt: no value is stable with this transducer"

@@ -66,7 +66,7 @@ class TwoPort:
         transfer = model.phasors(angular(frequencies))
         responses = np.stack((transfer(model.rows["velocity"]), transfer(model.rows["voltage"])), axis=-2)
         if np.any(responses[:, 0, 0] == 0):
-            raise ParameterError("force_participation", "no mode takes force, at least one must")
+            raise ParameterError("force_participation", "no mode is driven by the force, at least one must be")
         return cls.from_responses(frequencies, responses)
 
     @classmethod

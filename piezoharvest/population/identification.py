@@ -81,7 +81,7 @@ class SpecimensIdentification:
 
 def odd_sentence(name: str, what: tuple[str, ...]) -> str:
     """That a specimen is of another kind, in words."""
-    return f"{name} is of another kind: it differs in {' and '.join(what)}, and does not count for mean and spread"
+    return f"{name} is of another kind: it differs in {' and '.join(what)}, and is left out of mean and spread"
 
 
 def identify_specimens(specimens: SpecimenSet, progress: Progress = lambda text: None) -> SpecimensIdentification:

@@ -12,7 +12,7 @@ from piezoharvest.identify.result import Estimate
 from piezoharvest.population.pooling import Pooled, names_of
 from piezoharvest.predict.parameters import Parameter, value_at
 
-FROM_THE_KIND = "mostly from the other specimens: its own records tell less than these"
+FROM_THE_KIND = "mostly from the other specimens: its own records contribute less than these"
 BORROWED = 0.5  # of the standard error of a specimen by itself: below it, most of the information is that of the others
 Value = tuple[float, float, str]
 

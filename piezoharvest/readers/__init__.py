@@ -48,10 +48,10 @@ def open_reader(path: Path, **lines: int) -> Reader:
     """
     known = registered()
     if os.path.isdir(path):
-        raise ReadError("found a folder, but a data file is needed")
+        raise ReadError("found a directory, but a data file is needed")
     if path.suffix.lower() not in known:
         if path.suffix.lower() in _SPREADSHEETS:
-            raise ReadError(f"found {path.suffix!r}, a spreadsheet, which is not read: save the sheet as .csv")
+            raise ReadError(f"found {path.suffix!r}, a spreadsheet, which cannot be read: save the sheet as .csv")
         found = repr(path.suffix) if path.suffix else "no ending"
         endings = ", ".join(sorted(known))
         raise ReadError(f"found {found}, allowed are names ending in {endings} (.txt for any table of numbers in text)")
@@ -61,7 +61,7 @@ def open_reader(path: Path, **lines: int) -> Reader:
     except InputError as error:
         raise ReadError(str(error)) from None
     if empty:
-        raise ReadError("the file is empty, it must hold measured data")
+        raise ReadError("the file is empty, it must contain measured data")
     _check_magic(path, cls)
     cls = _special(path, cls, bool(lines)) if cls.by_lines else cls
     if lines and not cls.by_lines:
@@ -76,7 +76,7 @@ def _check_magic(path: Path, cls: type[Reader]) -> None:
         start = stream.read(_START)
     if cls.magic and not start.startswith(cls.magic):
         own = path.suffix.lower()
-        raise ReadError(f"found a file that does not begin as {own} files do: its ending is wrong, or it is damaged")
+        raise ReadError(f"found a file that does not begin as {own} files do: its extension is wrong, or it is damaged")
 
 
 def _special(path: Path, cls: type[Reader], by_lines: bool) -> type[Reader]:

@@ -59,7 +59,7 @@ class ArrayReader(Reader):
                 return found
             shape = self.arrays[found.rpartition("[")[0]].shape  # of an array whose columns are too many to be listed
             raise ReadError(
-                f"found an array of shape {shape}, one of its columns must be named by an index", str(column)
+                f"found an array of shape {shape}, one of its columns must be selected by an index", str(column)
             )
         name, index = indexed.groups()
         if name not in self.arrays:
@@ -68,7 +68,7 @@ class ArrayReader(Reader):
         fine = len(parts) == len(shape) and ":" in parts
         fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
         if not fine:
-            needed = "a column is named by an index with a number or : for each of its axes, and : for one at least"
+            needed = "a column is selected by an index with a number or : for each axis, and : for at least one"
             raise ReadError(f"found an array of shape {shape}, {needed}", str(column))
         return f"{name}[{', '.join(parts)}]"
 

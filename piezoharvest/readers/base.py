@@ -189,7 +189,7 @@ def ends_within_a_line(path: Path) -> str:
     before = lines[1:-1][-_LINES_BEFORE:]  # the first one may be a part of a line
     if len(before) < _LINES_BEFORE or not lines[-1].strip() or len(lines[-1]) >= _SHORT * min(map(len, before)):
         return ""
-    return f"the last line, {cut(lines[-1].decode('latin-1'))!r}, has no end and is shorter than those before it"
+    return f"the last line, {cut(lines[-1].decode('latin-1'))!r}, is not terminated and is shorter than those before it"
 
 
 def check_count(count: int) -> None:

@@ -45,7 +45,7 @@ class SpiceRaw(Reader):
         time = np.abs(values[0])  # LTspice marks points that compression kept by a minus
         kept = np.concatenate([[True], np.diff(time) > 0])
         if not np.all(np.isfinite(values)) or np.any(np.diff(time) < 0) or kept.sum() < 2:
-            raise ReadError("the times do not ascend, or there are values that are no numbers")
+            raise ReadError("the times do not increase, or some values are not numbers")
         self._uneven = dict(zip(names, values[:, kept], strict=True)) | {names[0]: time[kept]}
         self.names = tuple(names)
         step = float(np.max(np.diff(time[kept])))

@@ -87,7 +87,7 @@ class Touchstone(Reader):
             self._promised = int(value)
         elif keyword == "NUMBER OF PORTS" and value.strip() != "1":
             found = f"found {cut(value.strip()) or 'no number of'} ports"
-            raise ReadError(f"{found}, there must be one, the leads of the transducer", row=row)
+            raise ReadError(f"{found}, there must be one port, the leads of the transducer", row=row)
 
     def _impedance(self, pairs: np.ndarray) -> np.ndarray:
         """Impedance in ohm from the two numbers of each row."""

@@ -109,11 +109,11 @@ class ModeShapes:
         self._nodes = np.asarray(modes[0]["node_nums"])
         for n, each in enumerate(modes, 1):
             if each["analysis_type"] != 2 or each["data_type"] != 2:
-                raise ReadError(f"mode {n} is not a real normal mode (analysis type 2), which is all that is taken")
+                raise ReadError(f"mode {n} is not a real normal mode (analysis type 2), the only type that is read")
             if not each["modal_m"] > 0:
                 raise ReadError(f"mode {n} has a modal mass of {each['modal_m']:g}, which must be greater than 0")
             if not np.array_equal(each["node_nums"], self._nodes):
-                raise ReadError(f"mode {n} is at other nodes than mode 1")
+                raise ReadError(f"mode {n} has nodes other than those of mode 1")
         self.frequency = np.array([each["freq"] for each in modes])
         self.damping_ratio = np.array([each["modal_damp_vis"] + 0.5 * each["modal_damp_his"] for each in modes])
         # Shapes are lengths for a unit of the modal coordinate, and the modal mass is a mass times their square.

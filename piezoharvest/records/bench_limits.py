@@ -31,8 +31,10 @@ class BenchLimits(Component):
     """
 
     drive: tuple[float, float] | None = quantity("N or m/s^2", "lowest and highest value of the drive", default=None)
-    frequency: tuple[float, float] | None = quantity("Hz", "lowest and highest frequency", default=None, above=0)
-    duration: float | None = quantity("s", "longest record", default=None, above=0)
+    frequency: tuple[float, float] | None = quantity(
+        "Hz", "lowest and highest frequency of the drive", default=None, above=0
+    )
+    duration: float | None = quantity("s", "longest possible record", default=None, above=0)
     sample_rate: float | None = quantity("Hz", "highest sample rate", default=None, above=0)
     loads: tuple[float, ...] | None = quantity("ohm", "load resistances", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement", default=None, above=0)

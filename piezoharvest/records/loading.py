@@ -208,7 +208,7 @@ def campaign_of(
         Something in the tables, or a data file, is wrong.
     """
     if "specimens" in table:
-        raise ParameterError("specimens", "found several specimens, which only identify and diagnose take")
+        raise ParameterError("specimens", "found several specimens, which only identify and diagnose accept")
     check_kind_of_file(table, "campaign")
     for key in table:
         if key not in _TABLES:
@@ -253,7 +253,7 @@ def _nominal(table: Any, folder: Path) -> tuple[Transducer, tuple[str, ...]]:
     made = isinstance(table, Transducer)  # of a campaign that is made in Python
     transducer = table if made else build_transducer(table)
     if transducer.electrodes:
-        found = "found further electrodes, but the records of a campaign are of one pair"
+        found = "found further electrodes, but the records of a campaign are for one pair"
         raise ParameterError("transducer.electrodes", found)
     return transducer, unknown
 
@@ -292,7 +292,7 @@ def _read_entry(
         return read_record(entry, key, sources, shunt, folder, data)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
-        message = "found fit for a frequency response, which only records over time can have"
+        message = "found fit for a frequency response, but only time records can have it"
         raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder, data)

@@ -121,8 +121,8 @@ class Record:
     def gate_reason(self) -> str:
         """Why a recorded gate is not used, or ""."""
         if self.drive == "voltage" or not isinstance(self.shunt, SynchronisedShunt):
-            return "no switch has an influence"
-        return "in steady state the displacement times the switch" if self.periodic else ""
+            return "no switch depends on it"
+        return "in steady state the displacement determines when the switch acts" if self.periodic else ""
 
     @property
     def duration(self) -> float:

@@ -73,8 +73,8 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
     """Specimens from the tables of a file; raises `ParameterError` and `CampaignError`."""
     for key in table:
         if key not in _COMMON:
-            allowed = f"known keys beside {SPECIMENS} are {', '.join(_COMMON[:-1])}"
-            more = "records stand in [[specimens.records]] there" if key == "records" else allowed
+            allowed = f"known keys together with {SPECIMENS} are {', '.join(_COMMON[:-1])}"
+            more = "records are given in [[specimens.records]]" if key == "records" else allowed
             raise ParameterError(key, f"unknown key, {more}")
     entries = table[SPECIMENS]
     if not isinstance(entries, list) or not MIN_SPECIMENS <= len(entries) <= MAX_SPECIMENS:

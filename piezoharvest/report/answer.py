@@ -60,8 +60,8 @@ def _vibration(attenuation: float) -> str:
     if not text[0].isdigit():
         return "changes the vibration by an unknown amount"
     if float(text.split(SPACE)[0]) == 0:
-        return "leaves the vibration as it is with shorted electrodes"
-    return f"{'raises' if attenuation > 0 else 'lowers'} the vibration by {text} against shorted electrodes"
+        return "leaves the vibration unchanged relative to shorted electrodes"
+    return f"{'raises' if attenuation > 0 else 'lowers'} the vibration by {text} relative to shorted electrodes"
 
 
 def _where(study: Study) -> str:
@@ -81,9 +81,9 @@ def _where(study: Study) -> str:
 def _warning(best: Subject) -> str:
     if not best.candidate.converged:
         message = best.response.message if best.response else ""
-        return f"Not to be trusted: {message or 'a simulation behind these figures did not converge'}."
+        return f"Not to be trusted: {message or 'a simulation behind these results did not converge'}."
     if best.candidate.violates:
-        return f"No candidate keeps all limits; this one breaks {', '.join(best.candidate.violates)}."
+        return f"No candidate keeps all limits; this one violates {', '.join(best.candidate.violates)}."
     return ""
 
 
@@ -95,13 +95,15 @@ def _cards(best: Subject, limit: Limit | None, band: bool, damping: bool) -> lis
         remark = f"{percent(c.harvested_power / limit.power)} of what any interface can draw"
     harvest = [("harvested power", engineering(c.harvested_power, "W"), remark)] if best.harvests or not damping else []
     if r is not None and best.harvests:
-        harvest.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
+        harvest.append(("efficiency", percent(r.efficiency), "electrical output over mechanical input"))
         if np.isfinite(r.figure_of_merit):
             merit = f"{r.figure_of_merit:.3g}"
-            harvest.append(("figure of merit", merit, "P/(C V_oc² f) at this motion; 1 is the most of an ideal bridge"))
-    amplitude = "worst amplitude in the band" if band else "amplitude"
+            harvest.append(
+                ("figure of merit", merit, "P/(C V_oc² f) at this motion; 1 is the maximum of an ideal bridge")
+            )
+    amplitude = "largest amplitude in the band" if band else "amplitude"
     motion = [
-        ("vibration", decibel(c.attenuation_db), "against shorted electrodes"),
+        ("vibration", decibel(c.attenuation_db), "relative to shorted electrodes"),
         ("displacement", engineering(c.displacement_amplitude, "m"), amplitude),
     ]
     dc = f"dc {engineering(r.dc_voltage, 'V')}" if r is not None and r.dc_voltage else amplitude

@@ -76,11 +76,11 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
 def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     changed, records = found.extended, list(residuals(found))
     for n, law in enumerate(found.discovery, 1):
-        caption = "What the law adds, with a band of three standard errors, over the range that the records visit."
+        caption = "The law, with a band of three standard errors, over the range that the records cover."
         yield Picture(f"law_{n}", "cause", f"The law at the {law.place}", caption, diagnosed.law_figure(law))
     if records:
         yield from _causes(records, changed)
-        caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."
+        caption = "Mean of the whitened residual of all records, in bins; noise alone lies within ±2."
         for channel in dict.fromkeys(channel for each in records for channel in each.data.channels):
             figure = diagnosed.where_figure(records, channel, changed)
             yield Picture(
@@ -94,8 +94,8 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     names, table = cosines(rows)
     if len(names) > 1:
         caption = (
-            "1: the records cannot tell two effects apart, as the fitted parameters are free; 0: they have nothing in "
-            "common. Each effect at the start value that scores highest."
+            "1: the records cannot distinguish two effects, given that the fitted parameters are free; 0: they have "
+            "nothing in common. Each effect is evaluated at the start value with the highest score."
         )
         yield Picture(
             "cosines",
@@ -107,8 +107,8 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     for n, each in enumerate(records, 1):
         role = "fitted" if each.data.role == "fit" else "validation"
         caption = (
-            "Left: measured less predicted, means over short spans. Right: its spectrum; the line is white noise of "
-            "the same size."
+            "Left: measured minus predicted, averaged over short intervals. Right: its spectrum; the line is white "
+            "noise of the same power."
         )
         yield Picture(
             f"record_{n}", "records", f"{each.data.name} ({role})", caption, diagnosed.record_figure(each, changed)
@@ -123,8 +123,9 @@ def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
     channel = each.data.channels[c]
     heading = f"Where it shows: {channel} in {each.data.name}"
     caption = (
-        "Left: the measured loop. Middle: mean residual along it, full line on the rising and dashed on the falling "
-        "branch, or over time where the drive is no sine. Right: spectrum of the residual."
+        "Left: the measured loop. Middle: mean residual along it, solid on the rising and dashed on the falling "
+        "branch, "
+        "or over time if the drive is not a sine. Right: spectrum of the residual."
     )
     yield Picture("cause", "cause", heading, caption, diagnosed.cause_figure(each, c, changed))
 
@@ -133,10 +134,10 @@ def _structure(found: Diagnosis) -> Picture:
     problem = found.problem
     sides = [("without effects", run_tests(problem, found.before.found))]
     if found.extended:
-        sides.append(("with them", run_tests(problem, found.search.final)))
+        sides.append(("with effects", run_tests(problem, found.search.final)))
     caption = (
-        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; "
-        "each channel without what the channels before it tell. White is noise."
+        "Whitened squares of the residual by frequency band in Hz, minus their expectation for noise, in units of its "
+        "standard deviation; each channel without what the channels before it predict. White is noise."
     )
     return Picture("structure", "structure", "Residuals against noise by record, channel and frequency", caption,
                    diagnosed.structure_figure(sides))  # fmt: skip
@@ -219,7 +220,7 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
     for size, i, j in sorted(pairs, reverse=True):
         remedy = registered()[names[i]].told_by or registered()[names[j]].told_by
         pair = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}"
-        yield f"{pair}: {number(size, 2)}. To tell them: {remedy}."
+        yield f"{pair}: {number(size, 2)}. To distinguish them: {remedy}."
 
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:

@@ -75,29 +75,31 @@ class Gallery:
         yield from self._loops()
         yield from self._bode()
         if self._bench.cut_short:
-            self.remarks.append("simulations take long here: some curves have fewer points than usual, or are left out")
+            self.remarks.append(
+                "simulations of this study are slow: some curves have fewer points than usual, or are omitted"
+            )
 
     def _front(self) -> Iterator[Picture]:
         if self.result is None or not self.result.trade_off:
             return
         drawn = [(front_subject(self.subjects, one), one) for one in self.result.fronts]
         caption = (
-            "None of these designs is better than another in both. Every dot is a design of its own, with parts as "
+            "None of these designs is better than another in both objectives. Every dot is a separate design with its "
+            "parts as tuned; diamonds are circuits with nothing to tune."
         )
-        caption += "tuned; diamonds are circuits with nothing to vary."
         figure = front.front(sorted(drawn, key=lambda pair: pair[0].rank), self.result.trade_off, self.result.bound)
         yield Picture("trade-off", "trade-off", "Front between harvested power and damping", caption, figure)
 
     def _ledger(self) -> Iterator[Picture]:
         if any(ledger.shares(s) for s in self.subjects):
-            caption = f"Per {'period' if self._periodic else 'run'}, by simulation; the sum closes to rounding."
+            caption = f"Per {'period' if self._periodic else 'run'}, by simulation; the energies balance to rounding."
             yield Picture("energy", "answer", "Where the energy goes", caption, ledger.ledger(self.subjects))
 
     def _restrictions(self) -> Iterator[Picture]:
         rows = next((s.candidate.restrictions for s in self.subjects if s.candidate.restrictions), None)
         if rows:
             section = "power" if "harvested_power" in rows[0] else "damping"
-            caption = "Best passive network by the two-port, under one restriction after the other."
+            caption = "Best passive network found on the two-port, with one restriction after the other added."
             yield Picture("restrictions", section, "Price of restrictions", caption, restrictions.restrictions(rows))
 
     @property
@@ -112,8 +114,8 @@ class Gallery:
         if not found:
             return
         caption = f"Mean over {frequency_range(band)}. " if band else ""
-        caption += "Each at the frequency that is best for it. " if self._free else ""
-        caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
+        caption += "Each at its own best frequency. " if self._free else ""
+        caption += f"Everything except the load as tuned. {_origin(found)}{self._dropped(found)}"
         bound = self.bound.power if self.bound else None
         figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None, bound)
         yield Picture("power-load", "power", "Power and efficiency against the load", caption, figure)
@@ -130,7 +132,7 @@ class Gallery:
         powered = [curve for curve in self._swept if curve.subject.harvests]
         if not powered:
             return
-        caption = f"Loads as tuned, amplitude of the drive unchanged. {_origin(powered)}{self._dropped(powered)}"
+        caption = f"Loads as tuned, excitation amplitude constant. {_origin(powered)}{self._dropped(powered)}"
         limit, bound = self.limit.power if self.limit else None, self.bound and self.bound.most_power(fine)
         figure = curves.power_along_frequencies(powered, span, limit, bound, self._marks)
         yield Picture("power-frequency", "power", "Power and efficiency against the frequency", caption, figure)
@@ -140,8 +142,8 @@ class Gallery:
         if not drawn or band is None:
             return
         gains = [f"{s.label} {engineering(s.candidate.scheduled_power, 'W')}" for s in drawn]
-        caption = "What is best at each frequency, for a controller that knows it, by simulation; dotted: the best "
-        caption += f"that is the same everywhere. Mean power with the schedule: {', '.join(gains)}."
+        caption = "Best values at each frequency, for a controller that knows it, by simulation; dotted: the best "
+        caption += f"fixed values. Mean power with the schedule: {', '.join(gains)}."
         figure = schedule.schedule(drawn, band)
         yield Picture("schedule", "power", "Lag and load as a schedule over the frequency", caption, figure)
 
@@ -154,7 +156,7 @@ class Gallery:
         if not swept:
             return
         short, swept = self._bench.against_short(swept, fine)
-        caption = "Displacement amplitude, and in decibels against shorted electrodes at the same frequency. "
+        caption = "Displacement amplitude, also in decibels relative to shorted electrodes at the same frequency. "
         caption += f"{_origin(swept)}{self._dropped(swept)}"
         driven = drive_frequency(self.study) is not None
         bound = self.bound.least_displacement(fine) if self.bound is not None and driven else None
@@ -185,7 +187,7 @@ class Gallery:
         drawn = [(s, self._signals(s), s.response) for s in able if s.response]
         parts = [(s, signals, windows(self.study, signals, response)[-1]) for s, signals, response in drawn]
         per = " per period" if self._periodic else ""
-        caption = f"Areas are energies{per}: on the left what hysteresis takes, on the right what the shunt gets."
+        caption = f"Areas are energies{per}: on the left lost to hysteresis, on the right delivered to the shunt."
         if parts[0][-1].title and not self._periodic:
             caption = f"Those {parts[0][-1].title}. {caption}"
         figure = hysteresis.loops(parts, self._periodic)
@@ -197,13 +199,15 @@ class Gallery:
         caption = "Mechanical receptance of the two-port, exact."
         if amplitude is not None:
             at = f"at a charge amplitude of {engineering(amplitude, 'C')}"
-            caption = f"Mechanical receptance of the two-port. Hysteresis enters by its describing function {at}."
+            caption = (
+                f"Mechanical receptance of the two-port. Hysteresis is represented by its describing function {at}."
+            )
         yield Picture("bode", "two-port", "Bode diagram", caption, figure)
 
     @staticmethod
     def _dropped(found: Sequence[CandidateCurve]) -> str:
         missing = sum(curve.missing for curve in found)
-        return f" {missing} points without an answer to trust are left out." if missing else ""
+        return f" {missing} points without a trustworthy result are omitted." if missing else ""
 
 
 def _origin(found: Sequence[CandidateCurve]) -> str:

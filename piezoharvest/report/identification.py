@@ -74,7 +74,7 @@ def _pictures(found: Identification) -> Iterator[Picture]:
         kept.append(each)
     loops = identified.loops_figure(kept)
     if loops is not None:
-        caption = "Offsets of the sensors are taken off; the charge is that which the measured current has carried."
+        caption = "Sensor offsets are removed; the charge is the integral of the measured current."
         yield Picture("loops", "loops", "Displacement over force, voltage over charge", caption, loops)
 
 
@@ -114,8 +114,8 @@ def _row(estimate: Estimate) -> dict[str, Any]:
 
 def _unknown(estimate: Estimate) -> dict[str, str]:
     kept = "is not known: " + estimate.note if estimate.note else "keeps its nominal value"
-    known = f" Known is only {estimate.combination}." if estimate.combination else ""
-    return {"name": estimate.parameter.name, "text": f"{kept}.{known} What would determine it: {estimate.experiment}."}
+    known = f" Only {estimate.combination} is known." if estimate.combination else ""
+    return {"name": estimate.parameter.name, "text": f"{kept}.{known} It could be determined by {estimate.experiment}."}
 
 
 def _residuals(found: Identification) -> Iterator[dict[str, Any]]:

@@ -78,7 +78,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         energies=tables.energies(subjects),
         two_port=tables.two_port(study, limit),
         transducer=list(tables.transducer_tables(study.transducer)),
-        conditions=[tables.excitation_table(asked), ("Asked of the design", tables.goal_table(asked))],
+        conditions=[tables.excitation_table(asked), ("Objectives and limits", tables.goal_table(asked))],
         sought=asked.free_frequency and asked.design and asked.design.band and frequency_range(asked.design.band),
         notes=[*design_result.notes, *gallery.remarks],
         colours=len(style.PALETTE),
@@ -99,9 +99,11 @@ def _bound(result: DesignResult) -> list[str]:
     sentences = [f"No passive linear shunt can do better than {' or '.join(found)}."]
     show = decibel if power is None else lambda value: engineering(value, "W")
     if bound.reached is not None:
-        sentences.append(f"A passive one-port is shown to reach {show(bound.reached)}.")
+        sentences.append(f"A passive one-port that reaches {show(bound.reached)} is known.")
     if bound.frequency_wise is not None and bound.frequency_wise != (attenuation if power is None else power):
-        sentences.append(f"With another one at every frequency the limit would be {show(bound.frequency_wise)}.")
+        sentences.append(
+            f"With a different one-port at every frequency the limit would be {show(bound.frequency_wise)}."
+        )
     if bound.linearised:
         sentences.append("The hysteresis is linearised at the amplitude found.")
     return sentences

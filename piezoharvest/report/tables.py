@@ -36,9 +36,9 @@ _LIMITS = {
 }  # fmt: skip
 
 
-_MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of power"
+_MERIT = "from 2 upwards a resistor, from π upwards a rectifier can reach the power limit"
 
-_NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
+_NOISE = "sum over modes of S/(4 m): power supplied by white noise of this density, whatever the shunt"
 _MIN_VOLTAGE = 1e-9  # V: smaller voltages are rounding errors of zero
 _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of the tuning, and of either sign
 _FRONT_ROWS, _KIND_ROWS = 14, 6  # of the best front, and of each kind's; the JSON has all points
@@ -207,7 +207,9 @@ def excitation_table(study: Study) -> tuple[str, list[QuantityRow]]:
     """Heading and entries of the excitation."""
     rows = list(entries(study.excitation))
     if study.free_frequency:
-        free = QuantityRow("frequency", "free", "for each candidate the one of the band at which it harvests most")
+        free = QuantityRow(
+            "frequency", "free", "for each candidate the frequency in the band at which it harvests most"
+        )
         rows = [free if row.name == "frequency" else row for row in rows]
     return f"Excitation: {kind_name(study.excitation.kind)}", rows
 
@@ -216,7 +218,7 @@ def goal_table(study: Study) -> list[QuantityRow]:
     """The goal of the design."""
     if study.design is None:
         return []
-    found = [QuantityRow("objective", study.design.objective.replace("_", " "), "what is made large, or small")]
+    found = [QuantityRow("objective", study.design.objective.replace("_", " "), "goal of the design")]
     if study.design.parts:
         found.append(QuantityRow("parts", study.design.parts, "series of preferred values (IEC 60063)"))
     return found + list(entries(study.design))
@@ -247,7 +249,7 @@ def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[s
         rows.append(("input power of noise", [engineering(noise, "W"), *blank], _NOISE))
     if limit is not None:
         remark = f"{limit.formula}: no interface can exceed it"
-        rows.append(("limit of power", [engineering(limit.power, "W"), *blank], remark))
+        rows.append(("power limit", [engineering(limit.power, "W"), *blank], remark))
     return header, rows
 
 

@@ -24,7 +24,7 @@ from piezoharvest.study import unknown as unknown_name
 SCALINGS = ("linear", "log", "reciprocal")  # what of a value is normally distributed: itself, its logarithm, 1/value
 # Relative size of a negative eigenvalue, and of an asymmetry, that is rounding of the 17 digits in a file.
 _ROUNDING = 1e-9
-_HEAD = '# An identified specimen, written by piezoharvest; a study takes it by transducer = "this file".\n'
+_HEAD = '# An identified specimen, written by piezoharvest; a study uses it by transducer = "this file".\n'
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def _covariance(table: Any, errors: Mapping[str, float]) -> tuple[np.ndarray, tu
     relative = matrix / np.outer(size, size)
     symmetric = np.all(np.isfinite(matrix)) and np.abs(relative - relative.T).max(initial=0.0) < _ROUNDING
     if not symmetric or np.linalg.eigvalsh(relative).min(initial=0.0) < -_ROUNDING * max(len(names), 1):
-        raise ParameterError("covariance.matrix", "this is no covariance: allowed is a symmetric matrix whose "
+        raise ParameterError("covariance.matrix", "this is not a covariance: allowed is a symmetric matrix whose "
                              "eigenvalues are at least 0")  # fmt: skip
     scaling = table.get("scaling", ["linear"] * len(names))
     if not isinstance(scaling, list) or len(scaling) != len(names) or not set(scaling) <= set(SCALINGS):
@@ -196,7 +196,7 @@ def _listed(table: Mapping[str, Any], path: Path) -> Specimen:
     """Specimen of a table `parameters` with value and std of each."""
     rows = table.get("parameters")
     if not isinstance(rows, Mapping):
-        raise StudyError(path, "parameters", "missing table, this must be what `identify --save` or `--json` writes")
+        raise StudyError(path, "parameters", "missing table, the file must be written by `identify --save` or `--json`")
     rows = {name: row for name, row in rows.items() if isinstance(row, Mapping)}
     told = {name: row for name, row in rows.items() if row.get("std") is not None}
     try:
@@ -229,5 +229,5 @@ def _json(path: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise StudyError(path, "", f"the file cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if not isinstance(table, dict):
-        raise StudyError(path, "", "this is not a table, the file must be what `identify --json` prints")
+        raise StudyError(path, "", "this is not a table, the file must be one that `identify --json` prints")
     return table

@@ -24,40 +24,46 @@ class DesignOptions(Component):
     """Goal and free choices of a design: the table [design]."""
 
     objective: Literal["harvest", "damping", "trade_off"] = described(
-        "what is wanted: power, little vibration, or the front between both", default="harvest"
+        "objective: power, damping, or the front between the two", default="harvest"
     )
-    band: tuple[float, float] | None = quantity("Hz", "lower and upper edge of the band", default=None, above=0)
+    band: tuple[float, float] | None = quantity("Hz", "lower and upper limit of the band", default=None, above=0)
     candidates: tuple[str, ...] | None = described(
-        'kinds of shunts to compare, and "synthesised", a network that the design makes; default: for the objective',
+        'kinds of shunts to compare, and "synthesised" for a network made by the design; default: all that fit the '
+        "objective",
         default=None,
     )
     phase_lag: Literal["free", "fixed"] | None = described(
-        "lag of switches: tuned, or as given; default: free for harvest, else fixed", default=None
+        "lag of switches, tuned or as given; default: free for harvest, else fixed", default=None
     )
-    hold: tuple[str, ...] = described("keys of the shunts that keep their values", default=())
+    hold: tuple[str, ...] = described("keys of the shunts that are not tuned", default=())
     tune: tuple[Literal["on_time_error", "inductance", "smoothing_capacitance"], ...] = described(
-        "keys of switched shunts that are tuned besides", default=()
+        "further keys of switched shunts that are tuned", default=()
     )
     order: int | None = quantity(
-        "", "coils and capacitors of the synthesised network, at most", default=None, at_least=1, at_most=8
+        "", "largest number of coils and capacitors in the synthesised network", default=None, at_least=1, at_most=8
     )
     coil_quality: float | None = quantity(
-        "", "quality of the synthesised network's coils at the centre; None: without losses", default=None, above=0
+        "",
+        "quality of the synthesised network's coils at the centre of the band; None: no losses",
+        default=None,
+        above=0,
     )
     parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = described(
-        "series of values that can be bought (IEC 60063); default: any value", default=None
+        "series of preferred values (IEC 60063); default: any value", default=None
     )
     parts_tolerance: float | None = quantity(
-        "", "relative tolerance of the parts, instead of that of their series", default=None, at_least=0, below=1
+        "", "relative tolerance of the parts; default: that of their series", default=None, at_least=0, below=1
     )
     tolerance: Tolerance | None = None
-    worst_case: bool = described("tuned for, and ranked by, the worst case within the tolerance", default=False)
+    worst_case: bool = described(
+        "whether candidates are tuned for and ranked by the worst case within the tolerance", default=False
+    )
     max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
     min_power: float | None = quantity("W", "least harvested power", default=None, at_least=0)
     min_attenuation_db: float | None = quantity(
-        "dB", "least attenuation against the short circuit", default=None, at_least=-1000, at_most=1000
+        "dB", "least attenuation relative to the short circuit", default=None, at_least=-1000, at_most=1000
     )
 
     def __post_init__(self) -> None:
@@ -84,9 +90,9 @@ class DesignOptions(Component):
 class SweepParameter(Component):
     """A parameter of a sweep: the value at a dotted path, between `from` and `to`."""
 
-    path: str = described('path of a value, as in "shunts.0.load_resistance"')
-    from_: float = quantity("", "first value")
-    to: float = quantity("", "last value")
+    path: str = described('path of a value, such as "shunts.0.load_resistance"')
+    from_: float = quantity("", "first value of the parameter")
+    to: float = quantity("", "last value of the parameter")
     scale: Literal["linear", "log"] = described("spacing of the values", default="linear")
     count: int | None = quantity("", "number of values in a grid", default=None, at_least=1)
 
@@ -105,13 +111,15 @@ class SweepParameter(Component):
 class SweepOptions(Component):
     """Parameters of a sweep, its sampling method and its outputs: the table [sweep]."""
 
-    parameters: tuple[SweepParameter, ...] = described("what is varied")
+    parameters: tuple[SweepParameter, ...] = described("parameters that are varied")
     method: Literal["grid", "random", "sobol"] = described(
-        "how values are chosen; grid needs `count`, the others `samples`", default="grid"
+        "how values are chosen: grid needs `count`, the others `samples`", default="grid"
     )
     samples: int | None = quantity("", "number of designs", default=None, at_least=1, at_most=MAX_DESIGNS)
     seed: int = quantity("", "seed of the random numbers", default=1, at_least=0)
-    outputs: tuple[str, ...] | None = described("columns of the table; default: what simulate prints", default=None)
+    outputs: tuple[str, ...] | None = described(
+        "output columns of the table; default: those that simulate prints", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -84,18 +84,16 @@ def _check_free_frequency(driven: Excitation, design: DesignOptions | None) -> N
     if not hasattr(driven, "frequency"):
         raise ParameterError("excitation.kind", f"found {driven.kind!r}, must be a sine where the frequency is free")
     if design is None:
-        raise ParameterError(
-            "excitation.frequency", f"found {FREE!r} without a table [design], in whose band it is sought"
-        )
+        raise ParameterError("excitation.frequency", f"found {FREE!r} without a table [design], whose band is searched")
     if design.band is None:
-        raise ParameterError("design.band", f"missing key, {given} needs [lower, upper] (Hz) to be sought in")
+        raise ParameterError("design.band", f"missing key, {given} needs [lower, upper] (Hz) to be searched")
     if design.objective != "harvest":
         why = "vibration is least where nothing resonates"
         raise ParameterError(
             "design.objective", f"found {design.objective!r}, must be 'harvest' with {given}, as {why}"
         )
     if SYNTHESISED in (design.candidates or ()):
-        why = "at a frequency of its own an RL circuit draws all that a passive network can"
+        why = "at its own best frequency an RL circuit draws all the power that a passive network can"
         raise ParameterError(
             "design.candidates", f"found {SYNTHESISED!r}, allowed with {given} are kinds of shunts, as {why}"
         )
@@ -126,7 +124,7 @@ def load_driven_study(path: str | Path) -> Study:
     """
     study = load_study(path)
     if study.free_frequency:
-        found = f"found {FREE!r}, which only the command design finds a value for"
+        found = f"found {FREE!r}, for which only the command design finds a value"
         raise StudyError(path, "excitation.frequency", f"{found}, must be a finite number greater than 0 Hz")
     return study
 
@@ -165,7 +163,9 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
     if "sweep" in table:
         study = dataclasses.replace(study, sweep=build(SweepOptions, _ends_in_si(table["sweep"], study), "sweep"))
     if study.transducer.quasi_static:
-        raise ParameterError("transducer.quasi_static", "found true, which only a campaign of measured records may say")
+        raise ParameterError(
+            "transducer.quasi_static", "found true, which is allowed only in a campaign of measured records"
+        )
     check_systems(study)
     return study
 

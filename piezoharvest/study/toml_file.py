@@ -39,15 +39,15 @@ class StudyError(ValueError):
 _KINDS = {
     "campaign": (
         {"records", "channels", "specimens", "experiment"},
-        "a campaign of measured records, which identify, diagnose and plan take",
+        "a campaign of measured records, for identify, diagnose and plan",
     ),
     "study": (
         {"excitation", "shunts", "design", "sweep", "bench"},
-        "a study, which simulate, design, sweep, measure and export take",
+        "a study, for simulate, design, sweep, measure and export",
     ),
     "specimen": (
         {"standard_errors", "covariance", "source"},
-        'an identified specimen, which a study or a campaign takes by transducer = "FILE"',
+        'an identified specimen, which a study or campaign uses by transducer = "FILE"',
     ),
 }
 
@@ -94,7 +94,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
         raise StudyError(path, "", f"found {found}, but a TOML file must be text in UTF-8") from None
     except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
-        what = "tables nested too deep" if isinstance(error, RecursionError) else str(error)
+        what = "tables nested too deeply" if isinstance(error, RecursionError) else str(error)
         if what.startswith(("Cannot overwrite", "Cannot declare")):  # as where a study has a file and a table, too
-            what = f"a key or table is given a second time, but only one of the two may be ({what})"
+            what = f"a key or table is given twice ({what})"
         raise StudyError(path, "", f"not a valid TOML file: {what}") from None

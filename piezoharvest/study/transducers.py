@@ -31,11 +31,11 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
         if not isinstance(name, str) or name not in catalogue.names():
             raise unknown(f"{where}.catalogue", name, catalogue.names())
         for key in sorted(_FIGURES & set(table)):
-            raise ParameterError(f"{where}.{key}", "found beside catalogue, only one of the two may be given")
+            raise ParameterError(f"{where}.{key}", "found together with catalogue, only one of the two may be given")
         table = catalogue.merged(_with_figures(catalogue.transducer_table(name), where), table)
     for key in _FIGURES & set(table):
         for twice in (name for name in Lumped._fields if name in table and name != "damping"):
-            found = f"found beside a table {key}, whose figures it follows from: take one of the two away"
+            found = f"found together with a table {key}, from which it follows: remove one of the two"
             raise ParameterError(f"{where}.{twice}", found)
     known = {*(field.name for field in dataclasses.fields(Transducer)), *_FIGURES, "catalogue", KEY}
     for key in table:
@@ -74,7 +74,9 @@ def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
     """
     given = [key for key in ("modal", "datasheet") if key in table]
     if len(given) == 2:
-        raise ParameterError(f"{where}.datasheet", "found beside a table modal, only one of the two may be given")
+        raise ParameterError(
+            f"{where}.datasheet", "found together with a table modal, only one of the two may be given"
+        )
     if not given:
         return table
     place = f"{where}.{given[0]}"
@@ -100,8 +102,8 @@ def transducer_of(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
         return build_transducer(table), None
     try:
         if typed(dict, table, "transducer").get("quasi_static") is True:
-            lacks = "found a quasi-static specimen, whose mass and damping no record tells"
-            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
+            lacks = "found a quasi-static specimen, whose mass and damping are not known"
+            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and remove quasi_static")
         return build_transducer(table), folder / value
     except ParameterError as error:
         raise ParameterError("transducer", f"{value}: {error}") from None

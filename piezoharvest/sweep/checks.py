@@ -74,5 +74,7 @@ def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterErro
         Terms(system.transducer).check(system.shunt, switch)
     except ParameterError as error:
         found = ", ".join(f"{path} = {value:g}" for path, value in zip(paths(study), values, strict=True))
-        return ParameterError("sweep.parameters", f"no design tried is possible, for instance {found} ({error})")
+        return ParameterError(
+            "sweep.parameters", f"none of the designs tried is possible, for instance {found} ({error})"
+        )
     return None

@@ -59,7 +59,7 @@ def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, notify: Call
             raise _refused(f"a worker that cannot load this package ({error})") from None
         except (CancelledError, KilledWorker, OSError) as error:
             lost = f"the cluster at {address} was lost ({type(error).__name__})"
-            raise OSError(f"{lost}; the same command resumes") from None
+            raise OSError(f"{lost}; the same command resumes the sweep") from None
         finally:
             executor.shutdown(wait=False)
 

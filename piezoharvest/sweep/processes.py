@@ -46,7 +46,7 @@ def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
         try:
             yield from stream(pool, partial(evaluate, study), chunks, _CHUNKS_PER_PROCESS * workers)
         except BrokenExecutor:
-            raise OSError("a worker process died (too little memory?); the same command resumes") from None
+            raise OSError("a worker process died (too little memory?); the same command resumes the sweep") from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             parent_end.close()

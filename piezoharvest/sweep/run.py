@@ -82,10 +82,10 @@ def sweep(
     store = Store(out, form, fingerprint(study))
     with store.opened() as (found, foreign):
         if foreign:
-            notify(f"{store.folder} held partial results of another study or version: starts afresh")
+            notify(f"{store.folder} held partial results of another study or version: starting afresh")
         resumed = done = sum(len(plan.range(number)) for number in found)
         if resumed:
-            notify(f"goes on from {store.folder}: {resumed} of {plan.designs} designs are done")
+            notify(f"resuming from {store.folder}: {resumed} of {plan.designs} designs are done")
         progress(done, plan.designs)
         chunks = (Chunk(n, plan.points(plan.range(n))) for n in range(plan.chunks) if n not in found)
         with closing(_evaluated(study, chunks, workers, scheduler, notify)) as results:

@@ -156,7 +156,7 @@ def _locked(path: Path) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise OutputError(f"{path.parent}: another sweep is writing the same file at this moment") from None
+            raise OutputError(f"{path.parent}: another sweep is writing the same file") from None
         yield
 
 

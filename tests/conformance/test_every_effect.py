@@ -231,7 +231,7 @@ def test_what_sensors_feel_leaves_the_specimen_alone(name):
     found, without = run("parallel_sshi", EXAMPLES[name]), run("parallel_sshi")
     assert found.displacement_amplitude == without.displacement_amplitude
     assert np.array_equal(found.waveforms.voltage, without.waveforms.voltage)
-    assert found.message == f"{name}: no part of this simulation, only of measured records"
+    assert found.message == f"{name}: not part of a simulation, only of measured records"
 
 
 # --- What bends with the amplitude, or goes on through a record ------------------------------------------------------
@@ -269,7 +269,7 @@ def test_what_drifts_has_no_steady_state():
     """It goes on through a record; a steady state is that of its beginning, and says so."""
     found, without = run("rectifier", EXAMPLES["coupling_drift"]), run("rectifier")
     assert found.harvested_power == without.harvested_power
-    assert found.message == "coupling_drift: no part of this simulation, only of measured records"
+    assert found.message == "coupling_drift: not part of a simulation, only of measured records"
     system = System(dataclasses.replace(HYSTERETIC, effects=(EXAMPLES["coupling_drift"],)), SHUNTS["rectifier"])
     drifted, still = (simulate(s, DRIVE, transient=0.5) for s in (system, System(HYSTERETIC, SHUNTS["rectifier"])))
     assert drifted.message == ""

@@ -92,7 +92,7 @@ def test_energy_of_a_run_from_rest_closes(shunt):
 @each_shunt
 def test_second_half_of_the_period_mirrors_the_first(shunt, device):
     if shunt.kind == "spice" and DEVICES[device].hysteresis:
-        pytest.skip("which configurations of a net list mirror each other is not known: operators keep a remanence")
+        pytest.skip("which configurations of a netlist mirror each other is not known: operators keep a remanence")
     if not shunt.mirrors:
         pytest.skip("its half waves differ")
     found = simulate(system_of(device, shunt), DRIVE, samples=250)

@@ -20,7 +20,7 @@ UNITS = pint.get_application_registry()
 DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=(effects.Leakage(resistance=1e6),))
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
-# Elements of a network and a net list are not fields; a series negative capacitance is unstable beside a leakage.
+# Elements of a network and a netlist are not fields; a series negative capacitance is unstable beside a leakage.
 EXAMPLES = {
     name: shunt
     for name, shunt in examples(shunts.registered()).items()

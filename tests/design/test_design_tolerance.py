@@ -102,7 +102,7 @@ class TestKeys:
             ({"stiffness": -0.1}, "stiffness", "found -0.1, must be a finite number at least 0 and less than 1"),
             ({"mass": 1.0}, "mass", "less than 1"),
             ({}, "stiffness", "at least one half-width or from"),
-            ({"load": 0.1, "load_resistance": 0.1}, "load_resistance", "beside load"),
+            ({"load": 0.1, "load_resistance": 0.1}, "load_resistance", "together with load"),
             ({"temperature": 40.0}, "temperature", "temperature_coefficient_capacitance"),
             ({"temperature_coefficient_capacitance": 0.004}, "temperature", "missing key"),
             (

@@ -58,7 +58,7 @@ def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path
 
     monkeypatch.setattr(diagnosis, "_diagnose_all", fails)
     found = diagnose(measured, told.append, library=[Clipping, Leakage])
-    assert "what is left cannot be fitted: no solution at sample 59" in told
+    assert "the remaining samples cannot be fitted: no solution at sample 59" in told
     assert (found.verdict, found.cut) == ("unexplained", ())
 
 

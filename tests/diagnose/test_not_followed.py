@@ -27,7 +27,7 @@ def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, mon
     assert told.verdict == "effect"
     assert [named.effect.name for named in told.effects] == ["leakage"]
     assert told.unpredicted == (lost,)
-    assert f"The model with these effects cannot follow {lost}" in sentence(told)
+    assert f"The model with these effects cannot predict {lost}" in sentence(told)
 
 
 @pytest.mark.slow

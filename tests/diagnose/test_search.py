@@ -130,7 +130,7 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
     """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
     measured = campaign(tmp_path)
     problem, base, _ = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
-    ends = "what stands out is as it was: no effect of the library explains it"
+    ends = "the conspicuous residuals are unchanged: no effect of the library explains them"
     for library in ([cls for cls in registered().values() if cls is not type(effect)], list(registered().values())):
         told = []
         found = Searcher(CandidateFits(problem, base, library, told.append)).run()

@@ -21,7 +21,7 @@ def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     )
     (far,) = told.deviating
     assert far.parameter.name == "stiffness"
-    assert "The fit wants stiffness at 2 times its nominal value, which may stand in" in sentence(told)
+    assert "The fit puts stiffness at 2 times its nominal value, which may compensate" in sentence(told)
 
 
 @pytest.mark.slow
@@ -36,7 +36,7 @@ def test_no_verdict_rests_on_a_parameter_beyond_belief(times, verdict, tmp_path)
     assert told.verdict == verdict
     (far,) = told.deviating
     assert far.value / far.nominal == pytest.approx(times, rel=0.2)
-    assert "times its nominal value, which may stand in" in sentence(told)
+    assert "times its nominal value, which may compensate" in sentence(told)
 
 
 def test_nothing_is_said_of_what_is_near(tmp_path):

@@ -25,7 +25,7 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     clipped = campaign(tmp_path, {"clipping": {"limit": REACHED, "channel": "displacement"}}, RECORDS)
     found = diagnose(clipped, told.append, library=LIBRARY)
     # It overshadows all else: no search is made without it.
-    assert next(text for text in told if "it is fitted, too" in text) == told[1]
+    assert next(text for text in told if "so it is fitted too" in text) == told[1]
     assert told.count("scoring the effects") == 1
     assert found.verdict == "effect"
     (named,) = found.effects
@@ -35,7 +35,8 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     assert [record.name for record in found.campaign.of_role("validate")] == ["04_sine_force_resistor.csv"]
     assert named.gain > 0.95
     assert sentence(found).endswith(
-        "More is left of 03_step_force_resistor.csv than of the records fitted before, so that it was fitted, too."
+        "The residuals of 03_step_force_resistor.csv are larger than those of the records fitted first, "
+        "so it was fitted too."
     )
 
 

@@ -78,7 +78,7 @@ def look_and_wait(*arguments):
 cache._CodeFiles.load = look_and_wait
 print(small(2.0), sum(small.stats.cache_hits.values()))
 """
-UNKEPT = "warning: compiled code cannot be kept on disk ("
+UNKEPT = "warning: compiled code cannot be stored on disk ("
 
 
 def copied(folder):
@@ -349,7 +349,7 @@ class TestNoPlace:
         assert found == "9.0 0"
         assert len(said) == 1
         assert said[0].startswith(UNKEPT)
-        assert "set the environment variable NUMBA_CACHE_DIR to a folder that may be written to" in said[0]
+        assert "set the environment variable NUMBA_CACHE_DIR to a writable directory" in said[0]
 
     @pytest.mark.slow
     def test_a_folder_that_is_closed_meanwhile(self, read_only, options, tmp_path_factory):

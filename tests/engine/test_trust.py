@@ -51,13 +51,13 @@ def test_a_store_that_fills_is_no_steady_state():
 def test_more_than_the_drive_can_give():
     """A motion that has blown up closes its account and repeats itself."""
     grown = {name: 1e12 * value for name, value in RIGHT.items()}
-    assert wrong(**grown, before=1e13) == ["more power comes in than the drive can give, sum F^2/(2 b)"]
+    assert wrong(**grown, before=1e13) == ["more power comes in than the excitation can supply, sum F^2/(2 b)"]
     # A source in the circuit may drive the structure on.
     assert wrong(mechanical_in=3.0, source=1.0, damping=3.7) == []
 
 
 def test_harvest_within_what_comes_in():
-    said = ["less than nothing is harvested, or more than comes in"]
+    said = ["the harvested power is negative, or larger than the power that comes in"]
     assert wrong(harvested=-0.1, damping=1.05) == said
     assert wrong(harvested=1.2, bias_current=-0.95, most=NO_BOUNDS) == []  # an effect gives what is missing
     assert wrong(harvested=1.5, damping=0.0, shunt_loss=0.0, change=-0.5, before=0.1, periodic=False) == said
@@ -106,7 +106,7 @@ def test_many_designs_at_once():
 
 
 def test_digits_of_a_small_share_are_said():
-    assert uncertainty_message(1e-9, off=1e-12).endswith("confirms no more than 3 of its digits")
+    assert uncertainty_message(1e-9, off=1e-12).endswith("confirms only 3 of its digits")
     assert uncertainty_message(1e-9, off=1e-8).endswith("confirms none of its digits")
     assert uncertainty_message(-1e-8, off=1e-9).endswith("confirms none of its digits")
     assert uncertainty_message(0.25, off=1e-12) == ""

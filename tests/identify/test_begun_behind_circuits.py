@@ -165,5 +165,8 @@ def test_a_gate_in_steady_state_is_not_used_and_the_record_says_so():
     record = Record("r.csv", "records.0", "fit", "force", shunt, 0.0, time, signals, periodic=True)
     (finding,) = unused(record)
     assert (finding.severity, finding.channel) == ("warning", "gate")
-    assert finding.message == "found a gate, but in steady state the displacement times the switch; it is not used"
+    assert (
+        finding.message
+        == "found a gate, but in steady state the displacement determines when the switch acts; it is not used"
+    )
     assert record.gate is None

@@ -97,8 +97,8 @@ def test_a_first_fit_away_from_the_jumps_of_the_voltage(tmp_path):
     """With the samples beside them the first fit ends in another minimum here."""
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
-    assert "start: away from the jumps of the voltage" in told
-    assert "another start: circuits as their labels say" not in told
+    assert "start: fit away from the voltage jumps" in told
+    assert "another start: circuits with their nominal values" not in told
     assert not found.warnings
     check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
 
@@ -109,7 +109,7 @@ def test_a_second_start_with_the_circuit_as_its_label_says(tmp_path, monkeypatch
     monkeypatch.setattr(identification, "fit_past_jumps", fit_multistart)
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
-    assert "another start: circuits as their labels say" in told
+    assert "another start: circuits with their nominal values" in told
     assert not found.warnings
     check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
 

@@ -80,7 +80,7 @@ def test_a_specimen_that_cannot_be_written_is_told_before_the_work(campaign, tmp
 
 def test_report_stands_alone(answer):
     page = (answer[3] / "report.html").read_text(encoding="utf-8")
-    assert "What the records do not tell" in page
+    assert "What the records do not determine" in page
     assert page.count('<tr data-parameter="') == len(answer[1]["parameters"])
     assert not re.search(r'(src|href)="(?!#|data:)', page)
     pictures = {path.name for path in answer[3].glob("*.png")}
@@ -151,7 +151,7 @@ def test_a_report_that_cannot_be_written_is_told_before_the_work(campaign, tmp_p
     assert main(["identify", str(campaign), "--report", str(tmp_path / "file")]) == 2
     err = capsys.readouterr().err
     assert "iteration" not in err
-    assert "no files can be written to this directory" in err
+    assert "files cannot be written to this directory" in err
 
 
 def test_a_missing_file(tmp_path, capsys):

@@ -95,6 +95,6 @@ def test_values(tmp_path, circuit, channels):
 
 def test_a_switch_needs_a_gate(tmp_path):
     read = campaign(tmp_path, CIRCUITS["ssdi"])
-    message = r"records\.0\.drive: found an imposed displacement behind ssdi, .* needed is a channel gate"
+    message = r"records\.0\.drive: found an imposed displacement behind ssdi, .* it needs a channel gate"
     with pytest.raises(CampaignError, match=message):
         identify(read)

@@ -96,7 +96,7 @@ def test_no_steady_state_is_said():
     """A negative capacitance beyond the limit of stability grows without end."""
     shunt = {"kind": "negative_capacitance", "capacitance": 1e-7, "resistance": 1e5, "topology": "parallel"}
     system, _ = objects(bench(shunt))
-    with pytest.raises(PredictionError, match=r'period.*leave out kind = "periodic"|without bound.*kind = "periodic"'):
+    with pytest.raises(PredictionError, match=r'period.*omit kind = "periodic"|without bound.*kind = "periodic"'):
         predicted(system, SINE, 2.5e-4, 160)
 
 
@@ -204,8 +204,12 @@ BEFORE = int(0.5 * RATE) + 2
     ("old", "new", "message"),
     [
         (None, [BEFORE, BEFORE + 120], r"force.*: found 1\.53 periods of 5.*Hz, but a drive must repeat"),
-        (None, [2, 402], "force.*found .* beside a sine of .*the drive must repeat within its noise; leave out kind"),
-        ('kind = "periodic"', 'kind = "periodic"\nfrequency = 48.0', r"beside a sine of 48 Hz \(as stated\)"),
+        (
+            None,
+            [2, 402],
+            "force.*found .* in addition to a sine of .*the drive must repeat within its noise; omit kind",
+        ),
+        ('kind = "periodic"', 'kind = "periodic"\nfrequency = 48.0', r"in addition to a sine of 48 Hz \(as stated\)"),
         ('kind = "periodic"', 'kind = "periodic"\nfrequency = -1.0', r"records\.0\.frequency: found -1"),
         ('drive = "force"', 'drive = "voltage"', r"records\.0\.drive: found 'voltage', allowed in steady state are"),
         ('kind = "periodic"', 'kind = "time"\nfrequency = 50.0', r"records\.0\.frequency: unknown key"),
@@ -238,4 +242,4 @@ def test_a_response_that_still_changes_is_warned_about(short):
     other.write_text(text.replace(rows, "[2, 402]"))
     found = load_campaign(other).findings[0]
     assert {(f.severity, f.check, f.channel) for f in found} >= {("warning", "periodic", "displacement")}
-    assert all("has settled" in f.message for f in found if f.check == "periodic")
+    assert all("all transients have decayed" in f.message for f in found if f.check == "periodic")

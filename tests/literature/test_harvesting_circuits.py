@@ -248,7 +248,7 @@ def test_double_switch_that_leaves_a_part(residual):
 
 
 def test_a_battery_is_the_whole_dc_side():
-    with pytest.raises(ParameterError, match="found beside a battery") as caught:
+    with pytest.raises(ParameterError, match="found together with a battery") as caught:
         Battery(dc_voltage=3.0, load_resistance=1e5)
     assert caught.value.key == "load_resistance"
 
@@ -273,7 +273,7 @@ def test_tracker_beside_strong_coupling_holds_what_open_electrodes_come_to():
 
 @pytest.mark.parametrize("given", [{"dc_voltage": 1.0}, {"load_resistance": 1e5}, {"initial_dc_voltage": 1.0}])
 def test_a_tracker_is_the_whole_dc_side(given):
-    with pytest.raises(ParameterError, match="found beside a tracker") as caught:
+    with pytest.raises(ParameterError, match="found together with a tracker") as caught:
         MPPT(fraction=0.5, **given)
     assert caught.value.key == next(iter(given))
 

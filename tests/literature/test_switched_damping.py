@@ -118,7 +118,7 @@ def test_the_resistance_of_a_switch_is_in_the_loop():
     assert found.energy["shunt_loss"] == pytest.approx(wanted.energy["shunt_loss"], rel=1e-9)
     with pytest.raises(ParameterError, match="switch_resistance: found"):
         simulate(System(device, dataclasses.replace(shunt, switch_resistance=3 * impedance)), drive)
-    with pytest.raises(ParameterError, match="switch_resistance: found beside flip_time"):
+    with pytest.raises(ParameterError, match="switch_resistance: found together with flip_time"):
         SSDI(flip_time=1e-4, quality=5.0, switch_resistance=1.0)
 
 

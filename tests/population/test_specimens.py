@@ -99,7 +99,7 @@ ONE = f'[[specimens]]\nname = "a"\n{RECORD}'
         (HEAD + ONE + "[[specimens]]\nmass = 3\n" + RECORD, "specimens.1.mass: unknown key, known keys are name"),
         (HEAD + ONE + "[[specimens]]\n" + RECORD.replace("1e5", "-1.0"), "specimens.1.records.0.load_resistance: "),
         (HEAD + ONE + "[[specimens]]\ntransducer = {stiffness = 0}\n" + RECORD, "specimens.1.transducer.stiffness: "),
-        (HEAD + ONE + ONE.replace('"a"', '"b"') + "[[records]]\n", "records: unknown key, records stand in"),
+        (HEAD + ONE + ONE.replace('"a"', '"b"') + "[[records]]\n", "records: unknown key, records are given in"),
     ],
 )
 def test_what_is_wrong_with_specimens_is_said_in_a_sentence(text, message, tmp_path):

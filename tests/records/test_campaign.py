@@ -262,7 +262,9 @@ class TestWrong:
 
     def test_nothing_but_the_drive(self, tmp_path, columns):
         kept = {name: columns[name] for name in ("time_s", "force_N")}
-        assert "no channel was found beside the drive" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+        assert (
+            "no channel other than the drive was found" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+        )
 
     def test_a_column_that_the_record_itself_names(self, tmp_path, columns):
         text = TRANSDUCER + RECORD + '[records.channels]\nvoltage = { column = "u" }\n'
@@ -656,14 +658,14 @@ class TestInstruments:
     )
     def test_two_channels_have_one_column(self, tmp_path, columns, channels):
         error = failure(tmp_path, TRANSDUCER + f"[channels]\n{channels}\n" + RECORD, run_csv=columns)
-        assert "but each channel needs a column of its own" in error.message
+        assert "but each channel needs its own column" in error.message
         assert error.message.startswith("column ")
 
     def test_two_channels_have_the_same_samples(self, tmp_path, columns):
         columns["voltage_V"] = columns["force_N"]
         error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
         assert (error.channel, error.message) == (
-            "voltage", "its samples are the same as those of force, but each channel needs samples of its own"
+            "voltage", "its samples are the same as those of force, but each channel needs its own samples"
         )  # fmt: skip
 
     def test_channels_that_are_the_same_by_nature(self, tmp_path, columns):
@@ -760,7 +762,7 @@ class TestSweeps:
     def test_one_column_for_two_parts(self, tmp_path, impedance):
         own = '[records.channels]\nimaginary = { column = "resistance_ohm" }\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=self.table(impedance))
-        assert "column 'resistance_ohm' is that of real too" in error.message
+        assert "column 'resistance_ohm' is also that of real" in error.message
 
     def test_units_of_an_analyser(self, tmp_path, impedance):
         size, phase = np.abs(impedance) / 1e3, np.degrees(np.angle(impedance))

@@ -42,5 +42,5 @@ def test_sweeps(campaign, lines):
 
 @pytest.mark.parametrize("campaign", ["campaign.toml", "campaign2.toml"])
 def test_two_channels_of_one_column(campaign):
-    with pytest.raises(CampaignError, match="but each channel needs a column of its own"):
+    with pytest.raises(CampaignError, match="but each channel needs its own column"):
         load_campaign(CASES / "same_column" / campaign)

@@ -96,8 +96,8 @@ class TestPaths:
 
     @pytest.mark.parametrize(
         ("name", "found"),
-        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "found a folder"),
-         ("loop.csv", "symbolic"), ("a\0b.csv", "no name of a file"), ("a" * 300 + ".csv", "too long"),
+        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "found a directory"),
+         ("loop.csv", "symbolic"), ("a\0b.csv", "not a file name"), ("a" * 300 + ".csv", "too long"),
          ("gone.csv", "No such file")],
     )  # fmt: skip
     def test_data_files(self, tmp_path, name, found):

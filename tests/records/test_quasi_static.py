@@ -74,6 +74,7 @@ kind = "open"
 """
     )
     with pytest.raises(
-        StudyError, match=r"transducer\.quasi_static: found true, which only a campaign of measured records may say"
+        StudyError,
+        match=r"transducer\.quasi_static: found true, which is allowed only in a campaign of measured records",
     ):
         load_study(study)

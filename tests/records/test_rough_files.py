@@ -60,7 +60,7 @@ def test_a_file_that_ends_within_a_number(tmp_path, name):
         head, rows, record = TOUCHSTONE[1:2], IMPEDANCES, 'kind = "impedance"\n'
     assert not cut_off(campaign(tmp_path, name, head + rows, record, end=""))  # as some programs write
     found = cut_off(campaign(tmp_path, name, head + rows[:-1] + [rows[-1][:-6]], record, end=""))
-    assert len(found) == 1 and "has no end and is shorter than those before it" in found[0]
+    assert len(found) == 1 and "is not terminated and is shorter than those before it" in found[0]
 
 
 @pytest.mark.parametrize(("title", "warned"), [("TIME", 1), ("Time (s)", 0), ("time_s", 0), ("Time [ms]", 0)])
@@ -101,7 +101,7 @@ def test_a_phase_in_degrees_that_nothing_says(tmp_path):
     columns = 'channels = { magnitude = { column = "a" }, phase = { column = "b" PLUS } }\n'
     found, _ = frf(tmp_path, "frequency_Hz,a,b", record=columns.replace(" PLUS", ""))
     assert [(f.channel, f.message) for f in found.warnings if f.check == "unit"] == [
-        ("phase", 'found up to 176.9, taken for radians; likely degrees, which unit = "deg" says')
+        ("phase", 'found up to 176.9, taken for radians; likely degrees, which need unit = "deg"')
     ]
     found, receptance = frf(tmp_path, "frequency_Hz,a,b", record=columns.replace(" PLUS", ', unit = "deg"'))
     np.testing.assert_allclose(found.records[0].response, receptance, rtol=1e-6)
@@ -111,7 +111,7 @@ def test_a_phase_in_degrees_that_nothing_says(tmp_path):
 def test_magnitudes_below_zero_and_levels_are_refused(tmp_path):
     with pytest.raises(CampaignError, match=r"magnitude, rows 2-102: found 101 values below 0, allowed are"):
         frf(tmp_path, "frequency_Hz,magnitude,phase_deg", -1.0)
-    with pytest.raises(CampaignError, match=r'found levels in dB in the file: unit = "dB re m/N" says what 0 dB is'):
+    with pytest.raises(CampaignError, match=r'found levels in dB in the file: unit = "dB re m/N" defines 0 dB'):
         frf(tmp_path, "Frequency (Hz),Magnitude (dB),Phase (deg)")
 
 
@@ -122,9 +122,9 @@ def test_magnitudes_below_zero_and_levels_are_refused(tmp_path):
         ("a.tdms", b"hello", "does not begin as .tdms files do"),
         ("a.wav", b"hello", "does not begin as .wav files do"),
         ("a.parquet", b"hello", "does not begin as .parquet files do"),
-        ("a.xlsx", b"PK", "a spreadsheet, which is not read: save the sheet as .csv"),
-        ("folder.csv", None, "a folder"),
-        ("folder", None, "found a folder, but a data file is needed"),
+        ("a.xlsx", b"PK", "a spreadsheet, which cannot be read: save the sheet as .csv"),
+        ("folder.csv", None, "a directory"),
+        ("folder", None, "found a directory, but a data file is needed"),
     ],
 )
 def test_files_of_another_kind(tmp_path, name, data, said):

@@ -232,7 +232,8 @@ WRONG = {
     "kind": ({"records": [{"excitation": {"kind": "sine"}}]}, f"{RECORD}.excitation.kind: found 'sine'"),
     "network": (
         {"records": [{"shunt": {"kind": "network", "netlist": "R1 1 0 1k"}}]},
-        f"{RECORD}.kind: found 'network', which the bench has no circuit for, allowed are open, short, resistor, ",
+        f"{RECORD}.kind: found 'network', for which the virtual bench has no circuit, allowed are open, short, "
+        "resistor, ",
     ),
     "small": ({"records": [{"load_resistance": 50.0}]}, f"{RECORD}.resistance: found 50 ohm, must be at least "),
 }  # fmt: skip

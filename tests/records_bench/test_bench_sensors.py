@@ -73,7 +73,7 @@ def test_range_is_that_of_the_converter_and_said():
     assert found.columns["voltage_V"].min() == pytest.approx(-10.0 / 5.0)
     (warning,) = found.warnings
     assert warning.startswith("voltage: ")
-    assert warning.endswith("samples are beyond the converter's range: lower bench.buffer.gain")
+    assert warning.endswith("samples exceed the converter's range: lower bench.buffer.gain")
 
 
 def test_a_channel_that_hardly_moves_is_said():

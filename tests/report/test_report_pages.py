@@ -86,7 +86,7 @@ class TestUntrusted:
         study, result = designed("step")
         broken = tuple(dataclasses.replace(c, violates=("min_power",)) for c in result.candidates)
         page = Page(write_report(study, dataclasses.replace(result, candidates=broken), tmp_path))
-        assert "No candidate keeps all limits; this one breaks min_power." in page.text
+        assert "No candidate keeps all limits; this one violates min_power." in page.text
 
 
 class TestFiles:

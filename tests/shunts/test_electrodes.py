@@ -253,8 +253,8 @@ def test_a_host_by_its_modes_in_a_file(tmp_path):
         ("318", "-3", "transducer.modes_file", "modes.csv, row 4: found -3.0 in column 'frequency_Hz'"),
         ("coupling_1", "couplin_1", "transducer.modes_file", "modes.csv: the file has no column 'coupling_1'"),
         ("coupling_1,base", "coupling_1,coupling_2", "transducer.modes_file", "modes.csv: found column 'coupling_2'"),
-        ("modes.csv", "none.csv", "transducer.modes_file", "found 'none.csv', which is no file here"),
-        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found beside modes_file"),
+        ("modes.csv", "none.csv", "transducer.modes_file", "found 'none.csv', which is no existing file"),
+        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found together with modes_file"),
         ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be a number from 0 to 1"),
         ("resistance = 5e5", "resistance = -1", "shunts.0.others.0.resistance", "found -1"),
     ],
@@ -323,8 +323,8 @@ COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
             "found [1, 2], must be a list of 1 numbers",
         ),
         ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
-        ("host.spm", "", "transducer.modes_file", "host.spm: found what SPMWRITE writes"),
-        ("modes.csv", "force = '11+Z'", "transducer.shapes", "found beside modes.csv"),
+        ("host.spm", "", "transducer.modes_file", "host.spm: found a file of SPMWRITE"),
+        ("modes.csv", "force = '11+Z'", "transducer.shapes", "found together with modes.csv"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_shapes_is_told(tmp_path, name, places, key, message):

@@ -1,4 +1,4 @@
-"""Shunts from net lists of ngspice and LTspice: closed forms, the package's own circuits, and ngspice."""
+"""Shunts from netlists of ngspice and LTspice: closed forms, the package's own circuits, and ngspice."""
 
 import numpy as np
 import pytest
@@ -115,16 +115,16 @@ class TestLanguage:
             ("D1 p 0 d\n.model d D", "line 2: D1: found model d .line 3., whose law is exponential"),
             ("R1 p 0 1k\nQ1 p 0 a npn", "line 3: Q1: found an element of kind Q, allowed are R, L, C, K"),
             ("V1 p a SINE(0 1 50)\nR1 a 0 1", "line 2: V1: found 'SINE 0 1 50', must be a constant"),
-            ("R1 p 0 {2*x}", "line 2: R1: found 'x', which is no parameter, known are none"),
+            ("R1 p 0 {2*x}", "line 2: R1: found 'x', which is not a parameter, known are none"),
             ("R1 p 0 __import__('os')", "line 2: R1: found"),
             ("R1 p a 1k\nR2 b c 1k\nR3 a 0 1", "line 3: R2 is not connected to the port"),
             ("V1 p 0 1", "line 2: V1 is in a loop of sources, or across the port"),
             ("I1 p a 1m\nI2 a 0 1m\nR1 p 0 1", "has no path for its current"),
-            ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "nothing but a control is connected to node 'a'"),
-            ("S1 p 0 p 0 s\n.model s SW(Vt=1 Vh=-0.1)", "below 0 it is smooth"),
+            ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "only a control input is connected to node 'a'"),
+            ("S1 p 0 p 0 s\n.model s SW(Vt=1 Vh=-0.1)", "a negative one gives a smooth transition"),
             ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, must have a magnitude between 0 and 1"),
-            ("X1 p 0 amp\n", "line 2: X1: found subcircuit 'amp', which the net list does not have"),
-            (".subckt a p q\nX1 p q a\n.ends\nX1 p 0 a", "subcircuits within each other more than"),
+            ("X1 p 0 amp\n", "line 2: X1: found subcircuit 'amp', which the netlist does not have"),
+            (".subckt a p q\nX1 p q a\n.ends\nX1 p 0 a", "subcircuits nested more than"),
             ("R1 p 0 -5", "line 2: R1: found -5, must be a value greater than 0"),
             ("C1 p 0 1u Cpar=1n", "line 2: C1: found cpar, allowed are Rser and IC"),
             (".global vdd", "line 2: found .global, allowed are .param"),

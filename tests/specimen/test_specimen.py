@@ -99,7 +99,7 @@ def text_of(tmp_path, **more):
         (lambda t: t.replace("[standard_errors]\n", "[standard_errors]\nsize = 1.0\n"), "standard_errors.size: the"),
         (lambda t: t.replace('"log",\n', '"root",\n', 1), "covariance.scaling: allowed are 4 of linear, log"),
         (lambda t: t.replace("matrix = [\n", "matrix = [\n[1.0, 2.0],\n"), "covariance.matrix: allowed are 4 rows"),
-        (lambda t: re.sub(r"(matrix = \[\n *\[\n *)", r"\g<1>-", t), "covariance.matrix: this is no covariance"),
+        (lambda t: re.sub(r"(matrix = \[\n *\[\n *)", r"\g<1>-", t), "covariance.matrix: this is not a covariance"),
     ],
 )  # fmt: skip
 def test_damaged_files_say_what_is_wrong(tmp_path, change, words):
@@ -218,8 +218,8 @@ class TestStudies:
         ("file", "more", "words"),
         [
             ("absent.toml", "", "transducer: absent.toml: the file cannot be read"),
-            ("study.toml", "", "transducer: study.toml: found a study, which simulate"),
-            ("specimen.toml", "[transducer]\nmass = 1.0\n", "second time, but only one of the two"),
+            ("study.toml", "", "transducer: study.toml: found a study, for simulate"),
+            ("specimen.toml", "[transducer]\nmass = 1.0\n", "a key or table is given twice"),
         ],
     )
     def test_wrong_files(self, tmp_path, capsys, file, more, words):
@@ -249,6 +249,6 @@ class TestStudies:
 
 def test_nothing_is_left_of_a_failed_write(tmp_path):
     folder = tmp_path / "closed"
-    with pytest.raises(ValueError, match="no files can be written"):
+    with pytest.raises(ValueError, match="files cannot be written"):
         write_specimen(specimen(), folder / "specimen.toml")
     assert not folder.exists() and list(Path(tmp_path).iterdir()) == []

@@ -115,7 +115,7 @@ def test_workers_may_come_late_and_the_scheduler_may_go(dask, tmp_path):
     status, text, err = finish(process)
     assert (status, text) == (1, "")
     assert err.startswith(f"piezoharvest: error: the cluster at {dask.address} was lost (")
-    assert err.endswith("; the same command resumes\n")
+    assert err.endswith("; the same command resumes the sweep\n")
     assert err.count("\n") == 1
     assert len(parts(out)) >= 1
 

@@ -107,11 +107,13 @@ def test_parameter(refused, arguments, key, message):
     [
         (
             parameter("shunts.0.flip_time", 1e-4, 2e-4, "linear", 9),
-            "no design tried is possible, for instance shunts.0.flip_time = 0.0001 (shunts.0.inductance: found both",
+            "none of the designs tried is possible, for instance shunts.0.flip_time = 0.0001 "
+            "(shunts.0.inductance: found both",
         ),
         (
             parameter("shunts.0.time_lag", -0.5, -0.2, "linear", 9),
-            "no design tried is possible, for instance shunts.0.time_lag = -0.5 (shunts.0.time_lag: found -0.5 s",
+            "none of the designs tried is possible, for instance shunts.0.time_lag = -0.5 "
+            "(shunts.0.time_lag: found -0.5 s",
         ),
     ],
 )
@@ -134,7 +136,7 @@ def test_no_shunts(refused):
     ("arguments", "message"),
     [
         (("--out", "out.txt"), "out.txt: found '.txt', allowed are names ending in .parquet, .csv"),
-        (("--out", "no/out.csv"), "no: no files can be written to this directory"),
+        (("--out", "no/out.csv"), "no: files cannot be written to this directory"),
         (("--out", "out.csv", "--scheduler", "nonsense"), "--scheduler: no Dask scheduler answers at 'nonsense'"),
         (("--out", "out.csv", "--scheduler", "tls://127.0.0.1:1"), "--scheduler: no Dask scheduler answers at"),
     ],

@@ -184,7 +184,7 @@ class TestCommand:
         text = BENCH + SINE.replace("0.02", "0") + SSHI + table
         status, out, err = run(text, "--out", "out.csv", "--json")
         assert status == 1
-        assert "warning: 3 of 3 rows converged without an answer for every output (null)" in err
+        assert "warning: 3 of 3 rows converged, but have no value for some output (null)" in err
         assert json.loads(out)["incomplete"] == 3
 
     @pytest.mark.parametrize("flags", [(), ("--json",)])

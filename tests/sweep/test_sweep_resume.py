@@ -98,7 +98,7 @@ class TestProcess:
         process.send_signal(signal.SIGINT)
         status, out, err = finish(process)
         assert (status, out) == (130, "")
-        assert err == "what is done is kept: the same command goes on from there\npiezoharvest: interrupted\n"
+        assert err == "finished designs are kept: the same command resumes the sweep\npiezoharvest: interrupted\n"
         wait_for(lambda: not any(map(running, started)))
         assert finish(start(tmp_path, *arguments))[0] == 0
         assert (tmp_path / "out.parquet").read_bytes() == through
@@ -111,7 +111,10 @@ class TestProcess:
         os.kill(children(process.pid)[-1], signal.SIGKILL)
         status, out, err = finish(process)
         assert (status, out) == (1, "")
-        assert err == "piezoharvest: error: a worker process died (too little memory?); the same command resumes\n"
+        assert (
+            err
+            == "piezoharvest: error: a worker process died (too little memory?); the same command resumes the sweep\n"
+        )
         sweep(study_of(tmp_path, LONG), tmp_path / "out.parquet")
         assert (tmp_path / "out.parquet").read_bytes() == through
 
@@ -134,7 +137,7 @@ def test_goes_on_with_what_is_there(quick, tmp_path, suffix, method):
     assert quick(text, 1, f"out.{suffix}")[0] == 64
     evaluated, told = quick(text, name=f"out.{suffix}")
     assert evaluated == 150 - 128
-    assert told == [f"goes on from {tmp_path}/out.{suffix}.partial: 128 of 150 designs are done"]
+    assert told == [f"resuming from {tmp_path}/out.{suffix}.partial: 128 of 150 designs are done"]
     assert (tmp_path / f"out.{suffix}").read_bytes() == (tmp_path / f"whole.{suffix}").read_bytes()
     assert sorted(os.listdir(tmp_path)) == [f"out.{suffix}", "study.toml", f"whole.{suffix}"]
 
@@ -154,7 +157,7 @@ def test_a_changed_study_starts_afresh(quick, tmp_path, change):
     quick(SHORT, 1)
     evaluated, told = quick(SHORT.replace(*change))
     assert evaluated >= 150
-    assert told == [f"{tmp_path}/out.parquet.partial held partial results of another study or version: starts afresh"]
+    assert told == [f"{tmp_path}/out.parquet.partial held partial results of another study or version: starting afresh"]
 
 
 def test_another_version_starts_afresh(quick, monkeypatch):

@@ -14,16 +14,16 @@ def page() -> str:
     """Markdown of every command with its arguments and options."""
     group: Any = typer.main.get_command(app)
     parts = [
-        "# Commands\n\nExit status 0 is done, 1 means that the answer is not to be trusted (no steady state, energy not"
-        " closed, more power than the drive can give, too much to compute), 2 is bad input, said in one sentence, 130"
-        " an interrupted run, 143 a terminated one.\n"
+        "# Commands\n\nExit status 0 means done, 1 that the result is not to be trusted (no steady state, energy not"
+        " closed, more power than the excitation can supply, too much to compute), 2 bad input, explained in one"
+        " sentence, 130 an interrupted run, 143 a terminated one.\n"
     ]
     return "\n".join([*parts, *(_command(name, command) for name, command in group.commands.items())])
 
 
 def _command(name: str, command: Any) -> str:
     rows = "".join(_row(parameter) for parameter in command.params)
-    table = f"| argument | what it is for |\n|---|---|\n{rows}" if rows else ""
+    table = f"| argument | meaning |\n|---|---|\n{rows}" if rows else ""
     return f"## piezoharvest {name}\n\n{plain((command.help or '').strip())}\n\n{table}"
 
 

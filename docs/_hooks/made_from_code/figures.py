@@ -39,7 +39,7 @@ def _caption(shunt: Shunt, response: Response) -> str:
     values = ", ".join(f"{symbol} = {value}" for symbol, value in values_of(shunt))
     power = f" It harvests {engineering(response.harvested_power, 'W')}." if response.harvested_power > 0 else ""
     return (
-        f"Steady state on a well coupled bench (k_e² = 0.025, Q_m = 50, 40 nF; 0.02 N at 50.6 Hz)"
+        f"Steady state of a strongly coupled example (k_e² = 0.025, Q_m = 50, 40 nF; 0.02 N at 50.6 Hz)"
         f"{f' with {values}' if values else ''}.{power} Dashed: displacement, in its own scale."
     )
 
@@ -59,9 +59,9 @@ def _drawn(response: Response):
     handles = upper.plot(
         time, twice(waves.displacement) * scale, color=style.MUTED, linestyle="--", label="displacement"
     )
-    handles += upper.plot(time, twice(waves.voltage), color=style.PALETTE[0], label="voltage of the electrodes")
+    handles += upper.plot(time, twice(waves.voltage), color=style.PALETTE[0], label="electrode voltage")
     if waves.dc_voltage is not None:
-        handles += upper.plot(time, twice(waves.dc_voltage), color=style.PALETTE[1], label="voltage of the dc side")
+        handles += upper.plot(time, twice(waves.dc_voltage), color=style.PALETTE[1], label="dc voltage")
     factor, unit = (1e6, "µA") if np.max(np.abs(waves.current)) < 1e-3 else (1e3, "mA")
     lower.plot(time, factor * twice(waves.current), color=style.PALETTE[0])
     upper.set(ylabel="voltage in V")

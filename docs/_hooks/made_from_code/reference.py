@@ -28,17 +28,17 @@ from piezoharvest.study.building import component_in
 _SECTION = re.compile(r"\n\n(?:Parameters|Attributes|Returns|Raises|Notes|Examples)\n-+\n")
 _HEAD = "| key | unit | default | allowed | |\n|---|---|---|---|---|\n"
 FAMILIES = {
-    "linear": "Linear", "harvesting": "Harvesting", "double_switch": "Harvesting by two switched converters",
+    "linear": "Linear", "harvesting": "Harvesting", "double_switch": "Harvesting with two switched converters",
     "damping": "Damping",
-    "self_powered": "Powering their switches themselves",
+    "self_powered": "Self-powered",
 }  # fmt: skip
 KINDS = {
-    "electrical": "Electrical", "mechanical": "Mechanical", "circuit": "In the circuit behind the electrodes",
-    "sensing": "Of sensors and labels",
+    "electrical": "Electrical", "mechanical": "Mechanical", "circuit": "In the connected circuit",
+    "sensing": "Sensors and nominal values",
 }  # fmt: skip
 TABLES = {
-    "shunt": "a table as of [shunts](../shunts/index.md)", "channels": "a table for each [channel](#channelsname)",
-    "excitation": "a table as of an [excitation](study.md#excitation)",
+    "shunt": "a table as for [shunts](../shunts/index.md)", "channels": "a table for each [channel](#channelsname)",
+    "excitation": "a table as for an [excitation](study.md#excitation)",
 }  # fmt: skip
 
 
@@ -108,21 +108,27 @@ def _linked(title: str, cls: type[Component], level: int = 2, **options) -> str:
 def _study() -> str:
     own = [
         ("`catalogue`", "", "", "a name that `piezoharvest catalogue` lists", "entry whose keys are the defaults"),
-        (f"`{modes_file.KEY}`", "", "", "a file", f"modes of the host in place of {', '.join(modes_file.GIVEN[:4])}"),
-        (f"`{modes_file.PLACES}`", "", "", "a table", "where in a universal file force and sensor are, and couplings"),
+        (f"`{modes_file.KEY}`", "", "", "a file", f"modes of the host instead of {', '.join(modes_file.GIVEN[:4])}"),
+        (
+            f"`{modes_file.PLACES}`",
+            "",
+            "",
+            "a table",
+            "positions of force and sensor in a universal file, and couplings",
+        ),
     ]
     parts = [
-        '# Keys of a study\n\nA number with a unit may also be text with any unit of its kind: `"52 nF"`. `title` is a'
+        '# Keys of a study\n\nA value with a unit may also be text with any compatible unit: `"52 nF"`. `title` is a'
         " text for reports. The other tables of a study are `[[shunts]]`, see [shunts](../shunts/index.md),"
         " `[transducer.effects.NAME]`, see [effects](../effects/index.md), and [`[bench]`](bench.md)."
-        " [A schema](../how-to/editor.md) tells all this to an editor.\n",
+        " [A schema](../how-to/editor.md) makes all this available in an editor.\n",
         _linked("[transducer]", Transducer, more=own),
         _linked("[transducer.hysteresis]", Hysteresis),
         _linked("[[transducer.modes]]", Mode),
         _linked("[[transducer.electrodes]]", Electrode),
-        "## [transducer.modal] and [transducer.datasheet]\n\nFigures of a modal test or of a data sheet stand in the"
-        " place of the keys of `[transducer]`, or beside those that are known better. The kind of data sheet is known"
-        " by its keys; `material`, a name that `piezoharvest catalogue` lists, stands for constants of the material.\n",
+        "## [transducer.modal] and [transducer.datasheet]\n\nValues from a modal test or a data sheet may replace"
+        " the keys of `[transducer]`, or complement those that are known better. The kind of data sheet is recognised"
+        " by its keys; `material`, a name that `piezoharvest catalogue` lists, gives the constants of the material.\n",
         _linked("[transducer.modal]", Modal, 3),
     ]
     parts += [
@@ -152,8 +158,8 @@ def _bench() -> str:
             parts.append(f"## [bench.{key.name}]\n\n{plain(body(device))}\n\n{table(device)}\n")
     parts.append(_linked("[[bench.records]]", RecordOptions))
     parts.append(
-        "## [bench.effects.NAME]\n\nWhat is wrong with the set-up. The campaign does not tell of it, where"
-        " `[transducer.effects]` stands in the campaign, too.\n"
+        "## [bench.effects.NAME]\n\nFaults of the set-up. They are not written into the campaign, whereas"
+        " `[transducer.effects]` is.\n"
     )
     for name, cls in bench_effects().items():
         parts.append(f"### [bench.effects.{name}]\n\nSee [{name}](../effects/{name}.md).\n\n{table(cls)}\n")
@@ -165,11 +171,11 @@ def _campaign() -> str:
     parts = [
         "# Keys of a campaign\n\n`title` is a text for reports. `[transducer]` has the nominal values, with the keys of"
         ' [a study](study.md#transducer); `quasi_static = true`, or `mass = "unknown"` or `damping = "unknown"`, is'
-        " for a specimen that follows its drive without delay. An earlier specimen file may stand in its place:"
+        " for a specimen that follows its drive without delay. An earlier specimen file may be used instead:"
         ' `transducer = "specimen.toml"`.\n',
         _linked("[channels.NAME]", ChannelSource),
         f"| channel | SI unit | default column |\n|---|---|---|\n{channels}",
-        "## [[records]]\n\nA record is one of these by its `kind`, signals over time without one.\n",
+        "## [[records]]\n\nThe `kind` of a record is one of these; without it, it contains signals over time.\n",
     ]
     for kind, cls in ENTRIES.items():
         more = [("`kind`", "", '`"time"`', '"time"', "kind of the record")] if kind == "time" else []

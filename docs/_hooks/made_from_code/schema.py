@@ -148,7 +148,7 @@ def _transducer() -> Schema:
     more = {
         "catalogue": {"enum": list(catalogue.names()), "description": "entry whose keys are the defaults"},
         "modes_file": {"type": "string", "description": "modes of the host, one a row, or shapes at nodes (.unv)"},
-        "shapes": {"type": "object", "description": "where in a universal file force and sensor are, and couplings"},
+        "shapes": {"type": "object", "description": "positions of force and sensor in a universal file, and couplings"},
         "modal": of_component(Modal),
         "datasheet": _table("figures of a data sheet", {"material": material, **sheets}),
     }

@@ -21,7 +21,7 @@ class SwitchDelay(BenchEffect):
 
     name: ClassVar[str] = "switch_delay"
 
-    time_lag: float = quantity("s", "delay beside that of the label", at_least=0, null=0.0)
+    time_lag: float = quantity("s", "delay in addition to the nominal one", at_least=0, null=0.0)
 
     def connect(self, shunt):
         return relabelled(shunt, "time_lag", lambda label: label + self.time_lag)
@@ -57,7 +57,7 @@ class OnTimeOffset(BenchEffect):
 
     name: ClassVar[str] = "on_time_offset"
 
-    on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
+    on_time_error: float = quantity("", "relative error in addition to the nominal one", above=-1, null=0.0)
 
     def connect(self, shunt):
         return relabelled(shunt, "on_time_error", lambda label: label + self.on_time_error)
@@ -69,7 +69,7 @@ class MissedSwitching(BenchEffect):
 
     name: ClassVar[str] = "missed_switching"
 
-    threshold: float = quantity("V", "voltage below which the switch does not act", at_least=0, null=0.0)
+    threshold: float = quantity("V", "electrode voltage below which the switch does not act", at_least=0, null=0.0)
 
     def connect(self, shunt):
         return relabelled(shunt, "detector_threshold", lambda label: max(label, self.threshold))
@@ -81,7 +81,7 @@ class ReverseLeakage(BenchEffect):
 
     name: ClassVar[str] = "reverse_leakage"
 
-    conductance: float = quantity("S", "of one diode, backwards", at_least=0, null=0.0)
+    conductance: float = quantity("S", "reverse conductance of one diode", at_least=0, null=0.0)
 
     def connect(self, shunt):
         return relabelled(shunt, "diode_leakage", lambda label: label + self.conductance)
@@ -97,7 +97,7 @@ class VoltageReversion(BenchEffect):
 
     name: ClassVar[str] = "voltage_reversion"
 
-    share: float = quantity("", "share of a sudden change that is lost", at_least=0, below=1, null=0.0)
+    share: float = quantity("", "fraction of a sudden voltage change that is lost", at_least=0, below=1, null=0.0)
     time_constant: float = quantity("s", "time constant with which it is lost, electrodes open", above=0)
 
     def act(self, model, duration):
@@ -120,8 +120,8 @@ class ProbeLoading(BenchEffect):
 
     name: ClassVar[str] = "probe_loading"
 
-    resistance: float = quantity("ohm", "resistance of the meter", above=0, null=float("inf"))
-    capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0)
+    resistance: float = quantity("ohm", "input resistance of the meter", above=0, null=float("inf"))
+    capacitance: float = quantity("F", "input capacitance of the meter and its cable", default=0.0, at_least=0)
     place: Literal["leads", "dc"] = described("across the electrodes, or across the dc side", default="leads")
 
     def act(self, model, duration):

@@ -29,7 +29,7 @@ class BiasCurrent(BenchEffect):
 
     name: ClassVar[str] = "bias_current"
 
-    current: float = quantity("A", "current into the node", null=0.0)
+    current: float = quantity("A", "current into the positive lead", null=0.0)
 
     def act(self, model, duration):
         model.drawn.append(lambda m: -self.current + 0.0 * m.v)
@@ -41,7 +41,7 @@ class DielectricRelaxation(BenchEffect):
 
     name: ClassVar[str] = "dielectric_relaxation"
 
-    capacitance: float = quantity("F", "capacitance that follows slowly", at_least=0, null=0.0)
+    capacitance: float = quantity("F", "capacitance of the relaxing branch", at_least=0, null=0.0)
     time_constant: float = quantity("s", "time constant of the branch", above=0)
 
     def act(self, model, duration):
@@ -59,7 +59,7 @@ class VoltageDependentCapacitance(BenchEffect):
 
     name: ClassVar[str] = "voltage_dependent_capacitance"
 
-    beta: float = quantity("1/V^2", "relative change of the charge with the square of the voltage", null=0.0)
+    beta: float = quantity("1/V^2", "relative change of the charge, per squared volt", null=0.0)
 
     def act(self, model, duration):
         if not self.beta:
@@ -84,7 +84,7 @@ class NonlinearCoupling(BenchEffect):
 
     name: ClassVar[str] = "nonlinear_coupling"
 
-    quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)
+    quadratic_coupling: float = quantity("C/m^2", "quadratic coupling T2", null=0.0)
 
     def act(self, model, duration):
         model.quadratic_coupling, model.smooth = self.quadratic_coupling, model.smooth or self.quadratic_coupling != 0

@@ -18,7 +18,9 @@ class Creep(BenchEffect):
 
     name: ClassVar[str] = "creep"
 
-    compliance_ratio: float = quantity("", "compliance of the element over that of the spring", at_least=0, null=0.0)
+    compliance_ratio: float = quantity(
+        "", "compliance of the element, relative to that of the spring", at_least=0, null=0.0
+    )
     time_constant: float = quantity("s", "retardation time", above=0)
 
     def act(self, model, duration):
@@ -37,7 +39,7 @@ class Stiffening(BenchEffect):
 
     name: ClassVar[str] = "stiffening"
 
-    cubic_stiffness: float = quantity("N/m^3", "k3", null=0.0)
+    cubic_stiffness: float = quantity("N/m^3", "cubic stiffness k3", null=0.0)
 
     def act(self, model, duration):
         model.forces.append(lambda m: -self.cubic_stiffness * m.x[0] ** 3)

@@ -23,14 +23,14 @@ class ContactCompliance(BenchEffect):
 
     name: ClassVar[str] = "contact_compliance"
 
-    coefficient: float = quantity("m/N^(2/3)", "c", null=0.0)
-    tension: Literal["open", "closed"] = described("under tension the joint is open, or is held closed", default="open")
+    coefficient: float = quantity("m/N^(2/3)", "coefficient c of the joint", null=0.0)
+    tension: Literal["open", "closed"] = described(
+        "behaviour under tension: the joint opens, or is held closed", default="open"
+    )
 
     def act(self, model, duration):
         if model.base:
-            raise ParameterError(
-                "coefficient", "found a base excitation, but this effect needs a force that presses the joint"
-            )
+            raise ParameterError("coefficient", "found a base excitation, but this effect needs a force on the joint")
         specimen = model.sensed
         least = -np.inf if self.tension == "closed" else 0.0
 
@@ -110,8 +110,10 @@ class LoadError(BenchEffect):
 
     name: ClassVar[str] = "load_error"
 
-    relative_error: float = quantity("", "e", above=-1, null=0.0)
-    resistance: float | None = quantity("ohm", "which label", default=None, above=0)
+    relative_error: float = quantity("", "relative error e of the load", above=-1, null=0.0)
+    resistance: float | None = quantity(
+        "ohm", "nominal value of the load concerned; default: all loads", default=None, above=0
+    )
 
     def connect(self, shunt):
         if isinstance(shunt, Resistor) and self.resistance in (None, shunt.resistance):

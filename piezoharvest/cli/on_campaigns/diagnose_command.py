@@ -170,9 +170,9 @@ def _print(found: Diagnosis) -> None:
 
     print(f"{found.verdict}: {sentence(found)}")
     if found.experiment:
-        print(f"What would tell: {found.experiment}.")
+        print(f"Next experiment: {found.experiment}.")
     if found.plan is not None:
-        elsewhere = f" On another bench: {found.told_by}." if found.told_by else ""
+        elsewhere = f" With other equipment: {found.told_by}." if found.told_by else ""
         print(f"piezoharvest plan writes this record as a study.{elsewhere}")
     rows = [
         [named.effect.name if not k else "", name, value if isinstance(value, str) else with_error(value, std, unit),
@@ -188,7 +188,7 @@ def _print(found: Diagnosis) -> None:
         [e.parameter.name, with_error(b.value, b.std, e.parameter.unit), with_error(e.value, e.std, e.parameter.unit)]
         for b, e in zip(found.before.estimates, found.estimates, strict=True)
     ]
-    tables.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
+    tables.print_rows(found.campaign.title, ["parameter", "without effects", "with effects"], rows)
     records = "validation" if found.campaign.of_role("validate") else "fitted records"
     qualities = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
     rows = [
@@ -198,9 +198,11 @@ def _print(found: Diagnosis) -> None:
     tables.print_rows("", [records, "residual before", "after", "noise alone"], rows)
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", _p_value(p.p_value)] for p in found.left]
-        tables.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])
+        tables.print_rows(
+            "", ["remaining structure", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS]
+        )
     if found.hints:
         rows = [
             [h.channel, h.term, engineering(h.size, response_unit(h.channel)), f"{h.gain:.3g}"] for h in found.hints
         ]
-        tables.print_rows("", ["hint: residual of", "goes with", "size", "gain in -2 ln L"], rows)
+        tables.print_rows("", ["hint: residual of", "term", "size", "gain in -2 ln L"], rows)

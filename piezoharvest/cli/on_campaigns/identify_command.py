@@ -51,7 +51,7 @@ def remarks(found: Identification) -> list[str]:
     for role, quality in (("fitted", found.fit), ("validation", found.validation)):
         texts += [
             f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
-            "lacks something, which piezoharvest diagnose looks for"
+            "lacks something; piezoharvest diagnose looks for it"
             for channel, noise in quality.noise.items()
             # The noise of a response depends on frequency: reported above.
             if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise

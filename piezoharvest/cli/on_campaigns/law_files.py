@@ -17,7 +17,7 @@ def save_laws(found: Diagnosis, path: Path) -> None:
     from piezoharvest.diagnose.discovery.effect_test import save_effect_test
 
     if not found.discovery:
-        note(f"warning: no effect file {path}: there is no law without a name")
+        note(f"warning: {path} is not written: no law without a name was found")
     for n, law in enumerate(found.discovery, 1):
         target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
         save_effect(law, found.campaign.path.name, target)

@@ -33,10 +33,8 @@ def plan(path: Path, *, out: Path | None, parameter: str | None, as_json: bool) 
     except ParameterError as error:
         raise StudyError(path, error.key, error.message) from None
     if best is None:
-        wider = "a table [experiment] in the campaign states what else the bench can do"
-        note(
-            f"piezoharvest: {path}: no record that the bench can measure would tell more ({wider}); nothing was written"
-        )
+        wider = "a table [experiment] in the campaign can allow other measurements"
+        note(f"piezoharvest: {path}: no possible record would be more informative ({wider}); nothing was written")
         return 1
     text = study_text(best, path)
     if as_json:

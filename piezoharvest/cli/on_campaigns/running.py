@@ -55,7 +55,7 @@ def on_campaign(
                 return of_several(campaign, tell)
             return run(campaign, tell)
     except PredictionError as error:
-        note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
+        note(f"piezoharvest: error: {path}: the model cannot predict the records with its nominal values: {error}")
         return None
     except (ArithmeticError, LinAlgError) as error:
         message = f"the records cannot be computed with these nominal values ({error}), check them and their units"

@@ -36,7 +36,7 @@ class CircuitValue(_Unregistered, Effect):
     kind: str
     key: str
     label: float
-    value: float = quantity("", "value in the circuit")
+    value: float = quantity("", "value of the part in the circuit")
 
     def connect(self, shunt: Shunt) -> Shunt:
         if getattr(shunt, "kind", None) != self.kind or getattr(shunt, self.key) != self.label:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 from piezoharvest.description.parameters import Component, ParameterError, check_choice, quantity
 
-POSITIVE_COUPLING = "the coupling is taken as positive: no figure given tells its sign"
+POSITIVE_COUPLING = "the coupling is taken as positive: its sign does not follow from the given values"
 
 Condition = Literal["free", "clamped"]  # of a capacitance
 
@@ -36,7 +36,7 @@ class Lumped(NamedTuple):
 class Figures(Component):
     """Base of all figures. The loss is given as a quality or as a damping ratio, which is 1/(2 quality)."""
 
-    quality: float | None = quantity("", "mechanical quality of the resonance", default=None, above=0)
+    quality: float | None = quantity("", "mechanical quality factor of the resonance", default=None, above=0)
     damping_ratio: float | None = quantity("", "damping ratio of the resonance", default=None, at_least=0)
 
     def __post_init__(self) -> None:
@@ -79,7 +79,7 @@ class StaticFigures(Figures):
         else:
             mass = stiffness / (2 * math.pi * (self.resonance_frequency or 1.0)) ** 2
             assumptions += (
-                "the mass is the one that resonates with this stiffness, electrodes shorted, one end fixed",
+                "the mass is that which resonates with this stiffness, with shorted electrodes and one end fixed",
             )
         damping = self.loss * math.sqrt(stiffness * mass)
         return Lumped(mass, damping, stiffness, coupling, capacitance, assumptions)
@@ -89,7 +89,7 @@ def one_of(figures: Component, first: str, second: str) -> None:
     """Raise `ParameterError` unless exactly one of two keys is given."""
     given = [key for key in (first, second) if getattr(figures, key) is not None]
     if len(given) == 2:
-        raise ParameterError(second, f"found beside {first}, only one of the two may be given")
+        raise ParameterError(second, f"found together with {first}, only one of the two may be given")
     if not given:
         raise ParameterError(first, f"missing key, {first} or {second} is needed")
 
@@ -103,5 +103,6 @@ def clamped(capacitance: float, condition: Condition, coupling_squared: float) -
     if condition == "clamped":
         return capacitance, ()
     return capacitance / (1 + coupling_squared), (
-        "the free capacitance is that of this mode alone, C + T^2/k: what further modes add to it counts as clamped",
+        "the free capacitance is taken as C + T^2/k of this mode alone: contributions of further modes count as "
+        "clamped",
     )

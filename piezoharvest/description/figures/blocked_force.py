@@ -16,11 +16,11 @@ class BlockedForce(StaticFigures):
     T^2/(k C_free) above 0.57, that of the best ceramics (PZT-5H: k33 = 0.752), says that they do not belong together.
     """
 
-    free_stroke: float = quantity("m", "stroke at the voltage without a load", above=0)
-    blocking_force: float = quantity("N", "force at the voltage without motion", above=0)
-    voltage: float = quantity("V", "voltage of both figures, peak to peak of the range", above=0)
+    free_stroke: float = quantity("m", "free stroke at the voltage", above=0)
+    blocking_force: float = quantity("N", "blocking force at the voltage", above=0)
+    voltage: float = quantity("V", "voltage range (peak to peak) of both values", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition = described("what the capacitance was measured as", default="free")
+    capacitance_is: Condition = described("whether the capacitance is free or clamped", default="free")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

@@ -19,7 +19,7 @@ class CouplingFactor(StaticFigures):
     coupling_factor: float = quantity("", "coupling factor k", above=0, below=1)
     stiffness: float = quantity("N/m", "stiffness with shorted electrodes", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition = described("what the capacitance was measured as", default="free")
+    capacitance_is: Condition = described("whether the capacitance is free or clamped", default="free")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

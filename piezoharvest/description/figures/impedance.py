@@ -18,11 +18,11 @@ class Impedance(Figures):
     is asked for.
     """
 
-    resonance_frequency: float = quantity("Hz", "frequency of the least impedance", above=0)
-    antiresonance_frequency: float = quantity("Hz", "frequency of the greatest impedance", above=0)
+    resonance_frequency: float = quantity("Hz", "frequency of minimum impedance", above=0)
+    antiresonance_frequency: float = quantity("Hz", "frequency of maximum impedance", above=0)
     capacitance: float = quantity("F", "capacitance at low frequency (free), or clamped", above=0)
-    capacitance_is: Condition = described("what the capacitance was measured as", default="free")
-    modal_mass: float = quantity("kg", "modal mass, which the impedance does not tell", above=0)
+    capacitance_is: Condition = described("whether the capacitance is free or clamped", default="free")
+    modal_mass: float = quantity("kg", "modal mass, which does not follow from the impedance", above=0)
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""
@@ -38,5 +38,5 @@ class Impedance(Figures):
             capacitance=self.capacitance,
             capacitance_is=self.capacitance_is,
         ).lumped()
-        same = "resonance and antiresonance are those of shorted and open electrodes, as without loss"
+        same = "resonance and antiresonance are taken as those of shorted and open electrodes (no losses)"
         return found._replace(assumptions=(*found.assumptions, same))

@@ -21,7 +21,7 @@ class Modal(Figures):
     open_circuit_frequency: float = quantity("Hz", "resonance with open electrodes", above=0)
     modal_mass: float = quantity("kg", "modal mass, which scales force and displacement", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition = described("what the capacitance was measured as")
+    capacitance_is: Condition = described("whether the capacitance is free or clamped")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

@@ -17,14 +17,16 @@ class OpenCircuit(Figures):
     Harvesting, Wiley 2011, section 3). The mass is given, or follows from the power in a resistor at this frequency.
     """
 
-    open_circuit_voltage: float = quantity("V", "peak voltage of open electrodes", above=0)
+    open_circuit_voltage: float = quantity("V", "peak voltage with open electrodes", above=0)
     acceleration: float = quantity("m/s^2", "peak acceleration of the base", above=0)
     open_circuit_frequency: float = quantity("Hz", "resonance with open electrodes", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition = described("what the capacitance was measured as")
+    capacitance_is: Condition = described("whether the capacitance is free or clamped")
     modal_mass: float | None = quantity("kg", "moving mass", default=None, above=0)
     power: float | None = quantity("W", "mean power in load_resistance", default=None, above=0)
-    load_resistance: float | None = quantity("ohm", "load of the power", default=None, above=0)
+    load_resistance: float | None = quantity(
+        "ohm", "load resistance at which the power is given", default=None, above=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -46,8 +48,8 @@ class OpenCircuit(Figures):
                 f"found {self.open_circuit_voltage:g}, too large for a mass of {mass:.3g} kg: the coupling that it "
                 f"needs leaves no mechanical stiffness below {least:.3g} kg",
             )
-        assumptions = ("the figures are taken at the resonance with open electrodes, amplitudes as peak values",
-                       "the moving mass is that which the base drives", POSITIVE_COUPLING)  # fmt: skip
+        assumptions = ("all values are taken at the open-circuit resonance, amplitudes as peak values",
+                       "the moving mass is the mass that base acceleration drives", POSITIVE_COUPLING)  # fmt: skip
         return Lumped(mass, self.loss * mass * omega, stiffness, coupling, capacitance, assumptions)
 
     def _of_mass(self, mass: float) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ class Plate(StaticFigures):
 
     d31: float = quantity("C/N", "charge constant d31")
     s11: float = quantity("m^2/N", "compliance s11 at constant field", above=0)
-    relative_permittivity: float = quantity("", "permittivity at constant stress over that of vacuum", above=0)
+    relative_permittivity: float = quantity("", "relative permittivity at constant stress", above=0)
     length: float = quantity("m", "length of the electrodes along the force", above=0)
     width: float = quantity("m", "width of the electrodes", above=0)
     thickness: float = quantity("m", "thickness between the electrodes", above=0)
@@ -31,6 +31,6 @@ class Plate(StaticFigures):
         coupling = self.d31 * self.width / self.s11
         capacitance = self.length * self.width * permittivity * (1 - k31) / self.thickness
         return self.with_mass(
-            stiffness, coupling, capacitance, "field and stress are uniform, far below the plate's own waves",
-            "the plate is free across its length",
+            stiffness, coupling, capacitance, "field and stress are uniform: far below the plate's own resonances",
+            "the plate is free to deform across its length",
         )  # fmt: skip

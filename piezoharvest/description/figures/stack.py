@@ -18,7 +18,7 @@ class Stack(StaticFigures):
 
     d33: float = quantity("C/N", "charge constant d33")
     s33: float = quantity("m^2/N", "compliance s33 at constant field", above=0)
-    relative_permittivity: float = quantity("", "permittivity at constant stress over that of vacuum", above=0)
+    relative_permittivity: float = quantity("", "relative permittivity at constant stress", above=0)
     area: float = quantity("m^2", "electrode area of a layer", above=0)
     thickness: float = quantity("m", "thickness of a layer", above=0)
     layers: int = quantity("", "number of layers", default=1, at_least=1)
@@ -30,6 +30,6 @@ class Stack(StaticFigures):
             area=self.area, thickness=self.thickness, layers=self.layers, key="d33",
         )  # fmt: skip
         return self.with_mass(
-            *values, "field and stress are uniform, far below the stack's own waves",
-            "glue, electrodes and inactive ends are left out",
+            *values, "field and stress are uniform: far below the stack's own resonances",
+            "glue, electrodes and inactive ends are neglected",
         )  # fmt: skip

@@ -35,9 +35,11 @@ class Shunt(Component):
     unrecorded: ClassVar[str] = ""  # why no measured record may have it, in words
     multiplied: ClassVar[tuple[str, ...]] = ()  # names of products of two rows, which its equations have among z
 
-    electrode: int = described("number of the electrodes at which it is; 0 are the transducer's own", default=0)
+    electrode: int = described(
+        "number of the pair of electrodes to which it is connected; 0 is the transducer's own", default=0
+    )
     others: tuple[Shunt, ...] = described(
-        "linear circuits that act together with this one, each at electrodes of its own", default=()
+        "linear circuits that act together with this one, each at its own pair of electrodes", default=()
     )
 
     def __post_init__(self) -> None:
@@ -52,8 +54,8 @@ class Shunt(Component):
                 allowed = "must be a linear circuit (no switches, no diodes) without others"
                 raise ParameterError(f"others.{n}", f"found {found}, {allowed}")
             if other.electrode in taken:
-                found = f"found {other.electrode}, where there is a shunt already"
-                raise ParameterError(f"others.{n}.electrode", f"{found}: each needs electrodes of its own")
+                found = f"found {other.electrode}, which already has a shunt"
+                raise ParameterError(f"others.{n}.electrode", f"{found}: each needs its own pair of electrodes")
             taken.append(other.electrode)
 
     @property

@@ -46,18 +46,22 @@ class Bridge(Shunt):
 
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
     load_resistance: float | None = quantity("ohm", "load resistance behind the bridge", default=None, above=0)
-    dc_voltage: float | None = quantity("V", "constant voltage instead of them", default=None, at_least=0)
+    dc_voltage: float | None = quantity(
+        "V", "constant dc voltage instead of a capacitor and load", default=None, at_least=0
+    )
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
     diode_resistance: float = quantity(
         "ohm", "series resistance of one diode", default=0.0, at_least=0, other_law_at_zero=True
     )
-    diode_leakage: float = quantity("S", "conductance of one diode, backwards", default=0.0, at_least=0)
-    dc_leakage: float = quantity("S", "conductance across the dc side beside the load", default=0.0, at_least=0)
+    diode_leakage: float = quantity("S", "reverse conductance of one diode", default=0.0, at_least=0)
+    dc_leakage: float = quantity(
+        "S", "conductance across the dc side, in parallel with the load", default=0.0, at_least=0
+    )
     smoothing_resistance: float = quantity(
         "ohm", "series resistance of the smoothing capacitor", default=0.0, at_least=0, other_law_at_zero=True
     )
     initial_dc_voltage: float | None = quantity(
-        "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0, at_most=MOST_VOLTS
+        "V", "dc voltage at the start of a transient; default: 0", default=None, at_least=0, at_most=MOST_VOLTS
     )
     storage: Storage | None = None
 
@@ -79,7 +83,7 @@ class Bridge(Shunt):
         if self.smoothing_capacitance is None:
             why = "but belongs to a smoothing_capacitance"
         elif self.storage is not None:
-            why = "beside a table storage, whose supply is described at the capacitor itself"
+            why = "together with a table storage, whose supply is connected to the capacitor itself"
         if why:
             raise ParameterError("smoothing_resistance", f"found {np.max(self.smoothing_resistance):g} ohm, {why}")
 
@@ -89,7 +93,9 @@ class Bridge(Shunt):
         if given == ["dc_voltage"]:
             for unused in ("storage", "initial_dc_voltage"):
                 if getattr(self, unused) is not None:
-                    raise ParameterError(unused, "found beside dc_voltage, but belongs to a smoothing_capacitance")
+                    raise ParameterError(
+                        unused, "found together with dc_voltage, but belongs to a smoothing_capacitance"
+                    )
         elif given != keys[:2] and not (self.storage is not None and given == keys[:1]):
             raise ParameterError(
                 given[-1] if given else "smoothing_capacitance",

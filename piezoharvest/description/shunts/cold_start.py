@@ -33,10 +33,10 @@ class StartedSwitch(SynchronisedShunt, Bridge):
     """
 
     start_voltage: float | None = quantity(
-        "V", "dc voltage at which the control begins to work; default: it always does", default=None, above=0
+        "V", "dc voltage at which the control starts; default: it always works", default=None, above=0
     )
     stop_voltage: float | None = quantity(
-        "V", "dc voltage at which it ceases to; default: never", default=None, at_least=0
+        "V", "dc voltage at which the control stops; default: never", default=None, at_least=0
     )
 
     def __post_init__(self) -> None:
@@ -44,7 +44,9 @@ class StartedSwitch(SynchronisedShunt, Bridge):
         if self.start_voltage is None and self.stop_voltage is not None:
             raise ParameterError("stop_voltage", "found without start_voltage, give both")
         if self.start_voltage is not None and self.smoothing_capacitance is None:
-            raise ParameterError("start_voltage", "found beside dc_voltage, but belongs to a smoothing_capacitance")
+            raise ParameterError(
+                "start_voltage", "found together with dc_voltage, but belongs to a smoothing_capacitance"
+            )
         if self.start_voltage is not None and self.stop_voltage is not None:
             start, stop = np.real(self.start_voltage), np.real(self.stop_voltage)
             if np.any(stop >= start):

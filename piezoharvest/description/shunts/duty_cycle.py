@@ -15,6 +15,6 @@ class LoadPhase(Component):
     the supply turns off, whatever phase there was ends without its packet.
     """
 
-    power: float = quantity("W", "power of the load in this phase, beside that of the storage", at_least=0)
-    duration: float = quantity("s", "time that it lasts", above=0)
-    sends: bool = described("a packet has been sent when it ends", default=False)
+    power: float = quantity("W", "power of the load in this phase, in addition to that of the storage", at_least=0)
+    duration: float = quantity("s", "duration of the phase", above=0)
+    sends: bool = described("whether a packet has been sent at the end of the phase", default=False)

@@ -23,9 +23,11 @@ class EfficiencyCurve(Component):
         `efficiencies`.
     """
 
-    efficiencies: tuple[float, ...] = quantity("", "share of the power that reaches the load", above=0, at_most=1)
-    powers: tuple[float, ...] | None = quantity("W", "powers of the load at which they hold", default=None, above=0)
-    voltages: tuple[float, ...] | None = quantity("V", "or voltages of the store", default=None, above=0)
+    efficiencies: tuple[float, ...] = quantity("", "fraction of the power that reaches the load", above=0, at_most=1)
+    powers: tuple[float, ...] | None = quantity("W", "load powers for these efficiencies", default=None, above=0)
+    voltages: tuple[float, ...] | None = quantity(
+        "V", "or storage voltages for these efficiencies", default=None, above=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -35,7 +37,7 @@ class EfficiencyCurve(Component):
         key = "powers" if self.voltages is None else "voltages"
         places = getattr(self, key)
         if not len(places) == len(self.efficiencies) > 0:
-            allowed = f"must be as many as efficiencies ({len(self.efficiencies)}), and one at least"
+            allowed = f"must be as many as efficiencies ({len(self.efficiencies)}), and at least one"
             raise ParameterError(key, f"found {len(places)} numbers, {allowed}")
         if np.any(np.diff(places) <= 0):
             raise ParameterError(key, f"found {list(places)}, must increase")

@@ -22,7 +22,9 @@ class Extraction(Shunt):
     opens the current of the coil goes on into the load, at once, with a share `efficiency` of its energy.
     """
 
-    efficiency: float = quantity("", "share of it that reaches the load", default=1.0, at_least=0, at_most=1)
+    efficiency: float = quantity(
+        "", "fraction of the extracted energy that reaches the load", default=1.0, at_least=0, at_most=1
+    )
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
     diode_resistance: float = quantity("ohm", "series resistance of one diode", default=0.0, at_least=0)
 

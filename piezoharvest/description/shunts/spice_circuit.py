@@ -1,4 +1,4 @@
-"""A circuit from a net list as a shunt: linear between the states of its diodes and switches."""
+"""A circuit from a netlist as a shunt: linear between the states of its diodes and switches."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _Solution(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SpiceCircuit(Shunt):
-    """Net list of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
+    """Netlist of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
 
     Diodes follow LTspice's law with Ron, Roff and Vfwd; switches close above Vt + Vh and open below Vt - Vh of the
     voltage that controls them. Sources are constant. Inductors that are coupled are states in the combinations of
@@ -54,7 +54,7 @@ class SpiceCircuit(Shunt):
     Raises
     ------
     ParameterError
-        Something in the net list is not understood or not piecewise linear, with its line, or the circuit has no
+        Something in the netlist is not understood or not piecewise linear, with its line, or the circuit has no
         solution.
     """
 
@@ -63,10 +63,10 @@ class SpiceCircuit(Shunt):
         "Bryant, Proc. IEE C 106(9), 174-188, 1959 (normal tree); LTspice help, D. Diode, S. Voltage controlled switch"
     )
 
-    netlist: str = described("text of the net list")
+    netlist: str = described("text of the netlist")
     port: Sequence[str] = described("nodes of the electrodes, plus and minus", default=("p", "0"))
-    load: Sequence[str] = described("resistors and sources that are harvested in", default=())
-    subcircuit: str | None = described("subcircuit of the net list that is the circuit", default=None)
+    load: Sequence[str] = described("resistors and sources whose power is harvested", default=())
+    subcircuit: str | None = described("subcircuit of the netlist that is used as the circuit", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -121,7 +121,7 @@ class SpiceCircuit(Shunt):
             raise ParameterError("netlist", found)
         if used != set(range(len(numbers))):
             node = next(node for node, number in numbers.items() if number not in used)
-            raise ParameterError("netlist", f"nothing but a control is connected to node {node!r}")
+            raise ParameterError("netlist", f"only a control input is connected to node {node!r}")
 
     @staticmethod
     def _switching_of(branches: Iterable[Branch]) -> list[Branch]:
@@ -181,20 +181,24 @@ class SpiceCircuit(Shunt):
             for first, second in itertools.combinations(coupling.of, 2):
                 if first not in places or second not in places:
                     missing = first if first not in places else second
-                    raise refusal(coupling.line, f"{coupling.name}: found {missing!r}, which is no inductor here")
+                    raise refusal(
+                        coupling.line, f"{coupling.name}: found {missing!r}, which is not an inductor of this circuit"
+                    )
                 i, j = places[first], places[second]
                 matrix[i, j] = matrix[j, i] = coupling.value * np.sqrt(matrix[i, i] * matrix[j, j])
         size = np.sqrt(np.diag(matrix))
         share, vectors = np.linalg.eigh(matrix / np.outer(size, size)) if coils else (np.zeros(0), matrix)
         if coils and share[0] <= 1e-12:
             line = self._circuit[2][0].line
-            raise refusal(line, f"{self._circuit[2][0].name}: these couplings together store no positive energy")
+            raise refusal(
+                line, f"{self._circuit[2][0].name}: these couplings together do not give a positive stored energy"
+            )
         # Currents are vectors/size @ states, whose energy is share * state^2 / 2: states in units of sqrt(H) A.
         return coils, matrix, share, vectors / size[:, None]
 
     @property
     def branches(self) -> tuple[Branch, ...]:
-        """All parts but couplings, in the order of the net list."""
+        """All parts but couplings, in the order of the netlist."""
         return self._circuit[0]
 
     @property

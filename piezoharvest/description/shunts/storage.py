@@ -43,14 +43,16 @@ class Storage(Component):
     """
 
     turn_on: float = quantity("V", "dc voltage at which the supply turns on", above=0)
-    turn_off: float = quantity("V", "dc voltage at which it turns off", above=0)
-    power: float = quantity("W", "power of the load while it is on", default=0.0, at_least=0)
+    turn_off: float = quantity("V", "dc voltage at which the supply turns off", above=0)
+    power: float = quantity("W", "power of the load while the supply is on", default=0.0, at_least=0)
     efficiency: float = quantity("", "efficiency of the converter before the load", default=1.0, above=0, at_most=1)
     max_voltage: float | None = quantity(
-        "V", "dc voltage that a protection does not let rise; default: four times turn_on", default=None, above=0
+        "V", "dc voltage to which a protection limits the store; default: four times turn_on", default=None, above=0
     )
-    phases: tuple[LoadPhase, ...] = described("of a load that wakes, sends and sleeps, in their order", default=())
-    efficiency_curve: EfficiencyCurve | None = described("instead of efficiency: a table", default=None)
+    phases: tuple[LoadPhase, ...] = described("phases of a load that wakes, sends and sleeps, in order", default=())
+    efficiency_curve: EfficiencyCurve | None = described(
+        "efficiency that depends on power or voltage, a table instead of efficiency", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,9 +64,11 @@ class Storage(Component):
             allowed = f"must be more than turn_on ({np.max(np.real(self.turn_on)):g} V)"
             raise ParameterError("max_voltage", f"found {np.min(limit):g} V, {allowed}")
         if self.phases and not any(phase.sends for phase in self.phases):
-            raise ParameterError("phases", "found none with sends = true, must have one, after which a packet is out")
+            raise ParameterError(
+                "phases", "found none with sends = true, needs one, after which a packet has been sent"
+            )
         if self.efficiency_curve is not None and np.any(np.real(self.efficiency) != 1):
-            raise ParameterError("efficiency", "found beside efficiency_curve, give one of the two")
+            raise ParameterError("efficiency", "found together with efficiency_curve, give one of the two")
 
     @property
     def limit(self) -> Any:

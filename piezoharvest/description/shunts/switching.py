@@ -23,17 +23,21 @@ class SynchronisedShunt(Shunt):
     """
 
     phase_lag: float = quantity(
-        "rad", "angle of the drive, extremum to action; negative is early", default=0.0, above=-np.pi, below=np.pi
+        "rad",
+        "angle of the excitation from the extremum to the action; negative is early",
+        default=0.0,
+        above=-np.pi,
+        below=np.pi,
     )
     time_lag: float = quantity(
-        "s", "time from the extremum to the action, as of a comparator; negative is early", default=0.0
+        "s", "time from the extremum to the action, such as a comparator's delay; negative is early", default=0.0
     )
-    hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
+    hold_off: float | None = quantity("s", "least time between two actions of the switch", default=None, at_least=0)
     detector_threshold: float = quantity(
         "V", "electrode voltage at an extremum below which the switch does not act", default=0.0, at_least=0
     )
-    gate_energy: float = quantity("J", "what each action of the switch takes", default=0.0, at_least=0)
-    control_power: float = quantity("W", "what its control takes all the time", default=0.0, at_least=0)
+    gate_energy: float = quantity("J", "energy that each action of the switch consumes", default=0.0, at_least=0)
+    control_power: float = quantity("W", "power that the control consumes continuously", default=0.0, at_least=0)
 
     def control(self, port: Port) -> list[Product]:
         return [Product(self.control_power, port.one, port.one)] if np.any(self.control_power) else []
@@ -87,9 +91,14 @@ class SwitchedCoil(Shunt):
 
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5)
     inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
-    flip_time: float | None = quantity("s", "damped half period, instead of inductance", default=None, above=0)
+    flip_time: float | None = quantity(
+        "s", "time of an inversion (damped half period), instead of inductance", default=None, above=0
+    )
     switch_resistance: float | None = quantity(
-        "ohm", "of the closed switch, beside what the quality tells of; None: none", default=None, at_least=0
+        "ohm",
+        "resistance of the closed switch, in addition to that given by quality; None: none",
+        default=None,
+        at_least=0,
     )
 
     def __post_init__(self) -> None:
@@ -98,7 +107,7 @@ class SwitchedCoil(Shunt):
             found = "neither inductance nor" if self.inductance is None else "both inductance and"
             raise ParameterError("inductance", f"found {found} flip_time, give one of the two")
         if self.switch_resistance is not None and self.flip_time is not None:
-            raise ParameterError("switch_resistance", "found beside flip_time, but belongs to an inductance")
+            raise ParameterError("switch_resistance", "found together with flip_time, but belongs to an inductance")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F).
@@ -158,7 +167,9 @@ class SwitchedCoil(Shunt):
 class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
     """A switched inductance that inverts the electrode voltage at the extrema."""
 
-    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+    on_time_error: float = quantity(
+        "", "relative error of the time for which the switch is closed", default=0.0, above=-1
+    )
 
     def swing_time(self, capacitance: float) -> float:
         """Seconds for which the switch lets the voltage swing."""
@@ -185,7 +196,7 @@ class CoredSwitch(InductiveSwitch):
     """
 
     core_resistance: float | None = quantity(
-        "ohm", "resistance beside the inductance, the loss of the core; None: no loss", default=None, above=0
+        "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
     )
 
     def coil_current(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace) -> Row:
@@ -224,9 +235,15 @@ class EmptyingSwitch(SynchronisedShunt):
         An inductance is given without a quality, or a quality without one.
     """
 
-    inductance: float | None = quantity("H", "inductance of the path; default: at once", default=None, above=0)
-    quality: float | None = quantity("", "quality of the path with C, sqrt(L/C)/R", default=None, above=0.5)
-    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+    inductance: float | None = quantity(
+        "H", "inductance of the path; default: the voltage changes instantly", default=None, above=0
+    )
+    quality: float | None = quantity(
+        "", "quality of the path with the clamped capacitance C, sqrt(L/C)/R", default=None, above=0.5
+    )
+    on_time_error: float = quantity(
+        "", "relative error of the time for which the switch is closed", default=0.0, above=-1
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,1 +1,1 @@
-"""The language of net lists of ngspice and LTspice: `expressions.py` has its values, `reading.py` its lines."""
+"""The language of netlists of ngspice and LTspice: `expressions.py` has its values, `reading.py` its lines."""

@@ -1,4 +1,4 @@
-"""Values in a net list: numbers with suffixes, and expressions of parameters in braces or quotes."""
+"""Values in a netlist: numbers with suffixes, and expressions of parameters in braces or quotes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def value_of(text: str, parameters: Mapping[str, float]) -> float:
     except (SyntaxError, ArithmeticError, TypeError, RecursionError, MemoryError):
         raise ValueError(f"found {text!r}, which has no value") from None
     if not isinstance(value, float | int) or not math.isfinite(value):
-        raise ValueError(f"found {text!r}, which is no finite number")
+        raise ValueError(f"found {text!r}, which is not a finite number")
     return float(value)
 
 
@@ -62,7 +62,7 @@ def _evaluate(node: Any, parameters: Mapping[str, float]) -> float:
     if isinstance(node, ast.Name):
         if node.id not in parameters:
             known = ", ".join(sorted(parameters)) or "none"
-            raise ValueError(f"found {node.id!r}, which is no parameter, known are {known}")
+            raise ValueError(f"found {node.id!r}, which is not a parameter, known are {known}")
         return parameters[node.id]
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_evaluate(node.left, parameters), _evaluate(node.right, parameters))

@@ -1,4 +1,4 @@
-"""Net lists of ngspice and LTspice: lines, parameters, models and subcircuits to a flat list of parts.
+"""Netlists of ngspice and LTspice: lines, parameters, models and subcircuits to a flat list of parts.
 
 What is read is what the two programs have in common of passive and switched circuits; the rest is refused by element
 and line, since a circuit of which a part is left out is another circuit.
@@ -73,12 +73,12 @@ class _Body:
 
 
 def refusal(line: int, what: str) -> ParameterError:
-    """Error about a line of a net list."""
+    """Error about a line of a netlist."""
     return ParameterError("netlist", f"line {line}: {what}")
 
 
 def read_parts(text: str, subcircuit: str | None = None) -> tuple[list[Part], tuple[str, ...]]:
-    """Parts of a net list, its subcircuits replaced by what they hold, and the pins of the one that was asked for.
+    """Parts of a netlist, its subcircuits replaced by what they hold, and the pins of the one that was asked for.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_parts(text: str, subcircuit: str | None = None) -> tuple[list[Part], tu
     found = {name.lower(): body for name, body in top.inner.items()}.get(subcircuit.lower())
     if found is None:
         known = ", ".join(top.inner) or "none"
-        raise ParameterError("subcircuit", f"found {subcircuit!r}, the net list has {known}")
+        raise ParameterError("subcircuit", f"found {subcircuit!r}, the netlist has {known}")
     outer = _parameters(top, {})
     try:
         own = {key: value_of(text, outer) for key, text in found.defaults.items()}
@@ -104,7 +104,7 @@ def _few(parts: Iterator[Part]) -> list[Part]:
     """Parts, counted as they come: subcircuits of subcircuits soon make millions."""
     found = list(islice(parts, MOST_PARTS + 1))
     if len(found) > MOST_PARTS:
-        raise ParameterError("netlist", f"found more than {MOST_PARTS} elements, the most that are allowed")
+        raise ParameterError("netlist", f"found more than {MOST_PARTS} elements, the largest number allowed")
     return found
 
 
@@ -137,7 +137,7 @@ def _words(line: str) -> list[str]:
 
 
 def _body(text: str) -> _Body:
-    """Circuit of a net list with its subcircuits."""
+    """Circuit of a netlist with its subcircuits."""
     stack, names = [_Body()], []
     for n, line in _logical_lines(text):
         words = _words(line)
@@ -166,7 +166,7 @@ def _body(text: str) -> _Body:
 
 
 def _element_line(body: _Body, n: int, line: str, words: list[str], first: bool) -> None:
-    """Keep an element; the first line of a net list is its title, unless it could be either."""
+    """Keep an element; the first line of a netlist is its title, unless it could be either."""
     if first:
         if words[0][0].upper() in KINDS and len(words) >= 4:
             raise refusal(1, f"found {line!r}: the first line is a title, begin with one such as '* my circuit'")
@@ -242,9 +242,9 @@ def _instance(words, n, scopes, known, prefix, nodes, depth) -> Iterator[Part]:
     called = bare[-1].lower() if bare else ""
     body = next((scope.inner[called] for scope in reversed(scopes) if called in scope.inner), None)
     if body is None:
-        raise ValueError(f"found subcircuit {called!r}, which the net list does not have")
+        raise ValueError(f"found subcircuit {called!r}, which the netlist does not have")
     if depth == DEPTH:
-        raise ValueError(f"subcircuits within each other more than {DEPTH} deep")
+        raise ValueError(f"subcircuits nested more than {DEPTH} deep")
     if len(bare) - 1 != len(body.pins):
         raise ValueError(f"found {len(bare) - 1} nodes, {called} has {len(body.pins)} pins")
     inner = {key: value_of(text, known) for key, text in {**body.defaults, **given}.items()}
@@ -292,7 +292,7 @@ def _constant(rest: list[str], known: Mapping[str, float]) -> float:
     if len(words) > 1 and words[1].lower() == "ac":
         words = words[:1]
     if len(words) != 1 or words[0].lower() in ("ac", "sin", "sine", "pulse", "pwl", "exp", "sffm", "am"):
-        raise ValueError(f"found {' '.join(rest)!r}, must be a constant: the engine's excitation is the study's")
+        raise ValueError(f"found {' '.join(rest)!r}, must be a constant: the excitation comes from the study")
     return value_of(words[0], known)
 
 
@@ -308,7 +308,7 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
     model = next((scope.models[called.lower()] for scope in reversed(scopes) if called.lower() in scope.models), None)
     wanted, defaults, example = _MODELS[kind]
     if model is None:
-        raise ValueError(f"found model {called!r}, which the net list does not have: give one such as {example}")
+        raise ValueError(f"found model {called!r}, which the netlist does not have: give one such as {example}")
     if model.kind != wanted:
         found = f"found model {called} of kind {model.kind!r} (line {model.line})"
         raise ValueError(f"{found}, must be one such as {example}")
@@ -332,5 +332,8 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
         least = f"must be greater than Ron={values['ron']:g}"
         raise ValueError(f"found Roff={values['roff']:g} in the model {called}, {least}")
     if values.get("vh", 0.0) < 0:
-        raise ValueError(f"found vh={values['vh']:g} in the model {called}, must be at least 0: below 0 it is smooth")
+        raise ValueError(
+            f"found vh={values['vh']:g} in the model {called}, must be at least 0: a negative one gives a smooth "
+            "transition"
+        )
     return values

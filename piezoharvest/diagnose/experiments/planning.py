@@ -65,9 +65,12 @@ class Plan:
     @property
     def _worth(self) -> str:
         if self.parameter:
-            return f"the standard error of {self.parameter} would fall from {self.before:.2g} to {self.after:.2g} of it"
+            return (
+                f"the relative standard error of {self.parameter} would fall from {self.before:.2g} to {self.after:.2g}"
+            )
         first, second = (" and ".join(names).replace("_", " ") or "no effect" for names in self.sets)
-        return f"{first} and {second} would differ by {np.sqrt(self.separation):.2g} standard deviations"
+        size = f"{np.sqrt(self.separation):.2g} standard deviations"
+        return f"the predictions with {first} and with {second} would differ by {size}"
 
 
 def described(planned: Planned) -> str:

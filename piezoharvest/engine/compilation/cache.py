@@ -141,11 +141,11 @@ def cache_on_disk(dispatcher: Any) -> None:
     try:
         dispatcher._cache = _Cache(dispatcher.py_func)
     except (RuntimeError, OSError):  # numba found no place, or the sources cannot be read
-        _warn_uncached("neither the package's folder nor the user's cache may be written to")
+        _warn_uncached("neither the package's directory nor the user's cache is writable")
 
 
 def _warn_uncached(why: str) -> None:
     warn_once(
-        f"compiled code cannot be kept on disk ({why}), so that each run compiles anew for about half a minute: set "
-        "the environment variable NUMBA_CACHE_DIR to a folder that may be written to"
+        f"compiled code cannot be stored on disk ({why}), so each run compiles again for about half a minute: set "
+        "the environment variable NUMBA_CACHE_DIR to a writable directory"
     )

@@ -40,7 +40,7 @@ else:
         """Warn that compiled code is not cached."""
         first, last = (".".join(map(str, version)) for version in TESTED)
         warn_once(
-            f"this version of piezoharvest does not know numba {numba.__version__} and compiles plainly, anew in each "
+            f"this version of piezoharvest does not know numba {numba.__version__} and compiles again in each "
             f"run, which takes minutes: install one of the versions {first} to {last}"
         )
 

@@ -75,7 +75,7 @@ def _element_outputs(powers: list[int], inputs: np.ndarray, at_rest: np.ndarray)
     size[size == 0.0] = 1.0
     solved = root(lambda w: outputs(w * size, *nominal) / size - w, np.ones(count), tol=1e-13)
     if not np.max(np.abs(solved.fun)) < 1e-9:
-        raise ParameterError("excitation.offset", "there is no equilibrium under this preload, take a smaller one")
+        raise ParameterError("excitation.offset", "there is no equilibrium under this preload, use a smaller one")
     found = solved.x * size
     step = np.imag(outputs(found, inputs, at_rest))
     if not np.any(step):

@@ -97,7 +97,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
                 _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record)
             )
     except np.linalg.LinAlgError:
-        message = "its values are so many decades apart that its equations have no solution"
+        message = "its values are so many decades apart that its equations cannot be solved"
         raise ParameterError("transducer", message) from None
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())

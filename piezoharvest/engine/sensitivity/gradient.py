@@ -86,7 +86,7 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
         raise NoGradientError(f"{system.shunt.kind} is nonlinear between events")
     switch = system.shunt.switch(system.electrode.capacitance, excitation.period)
     if switch is not None and switch.clocked:
-        raise NoGradientError(f"{system.shunt.kind} has a clock of its own")
+        raise NoGradientError(f"{system.shunt.kind} has its own clock")
     batch = lower(*stepped(system, excitation))
     # One lowering is used for both: the real parts of the complex steps are the design itself.
     lowered = batch._replace(program=nominal(batch.program), budget=budget or batch.budget)

@@ -309,7 +309,7 @@ class Variation:
         """Half of peak-to-peak of an output."""
         found = [extreme for leg in self.legs for extreme in self._extremes(leg, output)]
         if not found:
-            raise EngineError("an output does not turn, to rounding")
+            raise EngineError("an output has no extremum, to within rounding")
         if self.tape.mirrored:
             value, leg, time = max(found, key=lambda extreme: abs(extreme[0]))
             return Dual(abs(value), np.sign(value) * self._change_of(output, leg, time))

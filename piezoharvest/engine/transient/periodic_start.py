@@ -62,7 +62,7 @@ def periodic_start(
     orbit = replace(orbit, time=np.mod(orbit.time - before, period) + before - 2.0 * period)
     state, found = unscheduled_state(shooting, orbit, span)
     if not found:
-        raise EngineError("an action of the switch is always pending, so that none can be traced to its cause")
+        raise EngineError("an action of the switch is always pending, so none can be attributed to its extremum")
     if state.clock[st.NOW] < before - period:
         orbit = replace(orbit, time=orbit.time + period)
         state, _ = unscheduled_state(shooting, orbit, span)
@@ -76,12 +76,12 @@ def periodic_start(
 def _why_not(orbit: Orbit) -> str:
     """Sentence about a search that has failed."""
     if orbit.converged:
-        reason = "there is one, but a motion from rest does not come to it"
+        reason = "there is one, but a run from rest does not reach it"
     elif orbit.residual <= ACCEPTED:
         reason = f"it is unstable, a small change grows {orbit.radius:.3g} times in each"
     else:
         reason = f"the nearest changes by {orbit.residual:.1e} in each"
-    return f"no steady state that repeats with every period of the drive ({reason})"
+    return f"no steady state that repeats with every period of the excitation ({reason})"
 
 
 def _by_quantities(system: SampledSystem, state: EngineState, span: float, parity: np.ndarray | float) -> np.ndarray:

@@ -120,7 +120,9 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     left_out = {finding.channel for finding in unused(record)}
     channels = tuple(c for c in RESPONSES if c in record.signals and c != record.drive and c not in left_out)
     if not channels:
-        raise CampaignError(record.name, record.key, "the record has its drive alone, at least one response is needed")
+        raise CampaignError(
+            record.name, record.key, "the record contains only its drive, at least one response is needed"
+        )
     check_channels(record)
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive = record[record.drive]
@@ -159,7 +161,7 @@ def check_channels(record: Record) -> None:
         shunt, signal = record.shunt, record.signals[channel]
         kind = "no circuit" if shunt is None else shunt.kind
         if not isinstance(shunt, Bridge):
-            message = f"found a channel {channel} behind {kind}, it must be behind a rectifier or an SSHI circuit"
+            message = f"found a channel {channel} behind {kind}, allowed behind a rectifier or an SSHI circuit"
             raise CampaignError(signal.file, channel, message, channel=channel)
         if channel == "dc_current" and shunt.load_resistance is None:
             message = "found a channel dc_current at a constant dc_voltage, it must be that through a load_resistance"

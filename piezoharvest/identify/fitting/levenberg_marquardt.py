@@ -208,7 +208,7 @@ class _Descent:
                 return False
         self.costs.append(self.here.cost)
         if self.here.cost - EXTRAPOLATED_ITERATIONS * _expected_decrease(self.costs, self.predictions) > self.aim:
-            self._end("given up: it would not come to what others have reached", False)
+            self._end("given up: it would not become as good as other fits", False)
         return better
 
     def _end(self, message: str, converged: bool) -> None:

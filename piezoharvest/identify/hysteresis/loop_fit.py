@@ -160,21 +160,21 @@ class LoopFit(Loop):
     def not_identifiable(self) -> tuple[str, ...]:
         """For each parameter that the record does not determine, a sentence with what it determines and a remedy."""
         found = []
-        more = f"a record with an input range above {2 * self.excited:.3g} would tell"
+        more = f"a record with an input range above {2 * self.excited:.3g} would determine it"
         if len(self.unseen):
             shown = ", ".join(f"{r:.3g}" for r in self.unseen)
-            instead = "slope + their weights" if self.kind == "stop" else "offset alone"
+            instead = "slope plus their weights" if self.kind == "stop" else "the offset"
             where = f"weights of the thresholds {shown}: beyond half the input range"
-            found.append(f"{where}; seen is {instead}; {more}")
+            found.append(f"{where}; only {instead} is determined; {more}")
         if self.slope_std > 0.5 * self.slope:
             found.append(
                 f"slope: found {self.slope:.3g} +- {self.slope_std:.3g}, only its sum with the narrowest "
-                "threshold's weight; more samples after each reversal, or a lower frequency, would tell"
+                "threshold's weight; more samples after each reversal, or a lower frequency, would determine it"
             )
         for r, w, std in zip(self.thresholds, self.weights, self.weights_std, strict=True):
             if std > 0.5 * w:
                 found.append(
                     f"weight of the threshold {r:.3g}: found {w:.3g} +- {std:.3g}, only its sum with the "
-                    "neighbours'; loops of amplitudes near the threshold would tell"
+                    "neighbours'; loops of amplitudes near the threshold would determine it"
                 )
         return tuple(found)

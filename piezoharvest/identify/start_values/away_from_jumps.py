@@ -43,7 +43,7 @@ def fit_past_jumps(
     blind = without_jumps(problem)
     if blind is problem:
         return fit_multistart(problem, model, progress, poor)
-    progress("start: away from the jumps of the voltage")
+    progress("start: fit away from the voltage jumps")
     first = fit_multistart(blind, model, progress)
     nuisance = nuisance_for_problem(blind, first.nuisance, problem, first.model)
     try:

@@ -110,7 +110,7 @@ def tune_to_responses(problem: Problem, first: Model, progress: Callable[[str], 
             break
     if best is None:
         return first
-    progress("start: the resonances that the responses show")
+    progress("start: resonances found in the responses")
     return replace(first, transducer=best.model.transducer)
 
 
@@ -124,7 +124,7 @@ def _fit_with_initial_states(
     begun = fit_nuisance(problem, first, nuisance, best.noise)
     if not has_initial_states(problem, begun):
         return None
-    progress("another start: stops that began elsewhere")
+    progress("another start: other initial states of the stops")
     return _fit_if_better(problem, first, begun.nuisance, best)
 
 

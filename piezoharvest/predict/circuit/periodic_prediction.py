@@ -20,7 +20,7 @@ from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import Prediction, PredictionError
 
-ADVICE = 'give nominal values nearer to the specimen, or leave out kind = "periodic" where the record has not settled'
+ADVICE = 'give nominal values closer to the specimen, or omit kind = "periodic" where the record has not settled'
 
 
 class PeriodicPrediction(CircuitPrediction):

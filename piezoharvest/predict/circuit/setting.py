@@ -124,7 +124,7 @@ def circuit_setting(
     _check_timing(shunt, transducer, None)
     if drive == "displacement" and gate is None and shunt.switch(transducer.capacitance, None) is not None:
         found = f"found an imposed displacement behind {shunt.kind}, whose switch would act at the extrema of its noise"
-        raise ParameterError("drive", f"{found}, needed is a channel gate that times it")
+        raise ParameterError("drive", f"{found}; it needs a channel gate that times the switch")
     # An imposed motion is known from the first sample on.
     names = state_names(transducer)[2 if drive == "displacement" else 0 :]
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]

@@ -49,7 +49,7 @@ class LabView(Text):
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         if self._next is not None and not self._chosen:
             found = f"found a further segment of data, whose header ends in line {self._next}"
-            raise ReadError(f"{found}; header_row (line of the names, {_TIMES} ...) says which one is the record")
+            raise ReadError(f"{found}; header_row (line of the names, {_TIMES} ...) tells which segment is the record")
         return super().read(names)
 
     def _promised(self) -> int | None:

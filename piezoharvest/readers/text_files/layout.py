@@ -24,7 +24,7 @@ _MIN_TABLE_ROWS = 3  # rows of numbers that make a table: a preamble may have on
 MAX_HEADER_LINES = 3  # lines above the table that may hold names and units
 _NO_UNITS = {"", "-", "1", "sequence"}  # in a row of units: oscilloscopes number their samples
 _COMMENT_COLUMN = "comment"  # LabVIEW's last column, which only rows with a comment have
-ADVICE = "skip_rows (lines to leave out) or header_row (line of the names) says where it begins"
+ADVICE = "skip_rows (number of lines to skip) or header_row (line of the names) tells where it begins"
 
 
 @dataclass(frozen=True)

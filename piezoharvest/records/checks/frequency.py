@@ -38,7 +38,7 @@ def _values(record: FrequencyRecord) -> Iterator[Finding]:
     yield from _found(record, "frequency", "frequency", record.frequency <= 0, "values not above 0 Hz", "those above")
     for channel, values in (("frequency", record.frequency), ("response", record.response)):
         yield from _found(
-            record, "size", channel, impossible_magnitudes(values), "values beyond measure", ALLOWED_MAGNITUDES
+            record, "size", channel, impossible_magnitudes(values), "values out of range", ALLOWED_MAGNITUDES
         )
     if record.coherence is not None:
         outside = (record.coherence < 0) | (record.coherence > 1 + 1e-6)

@@ -81,7 +81,9 @@ def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
     alike = len(off) > 1 and max(factors) < MAX_FACTOR * min(factors)
     if alike and len(off) == sum(score.judged for score in scores.values()):
         factor = 1 / float(np.exp(np.mean(np.log(factors))))
-        message = f"found {factor:.2g} times the {_named(record.drive)} that the nominal model takes from all responses"
+        message = (
+            f"found {factor:.2g} times the {_named(record.drive)} that the nominal model infers from all responses"
+        )
         yield _finding(record, "unit", record.drive, f"{message}, {_unit_hint(record.drive, factor)}")
         return
     for channel, score in off.items():

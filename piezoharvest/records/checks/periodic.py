@@ -18,7 +18,7 @@ _MIN_REST = 1e-4  # of the drive's range: less has no influence that sensors res
 _MIN_CHANGE = 0.02  # of an amplitude: periods that are no whole number of samples differ by up to one of them
 _MIN_STANDARD_ERRORS = 6.0  # by which an amplitude changes
 _DC = ("dc_voltage", "dc_current")  # whose mean is the signal
-_OTHERWISE = 'leave out kind = "periodic" where that is not so'
+_OTHERWISE = 'omit kind = "periodic" where that is not so'
 
 
 def periodic(record: Record) -> Iterator[Finding]:
@@ -48,7 +48,8 @@ def _not_periodic(record: Record, found: Harmonics) -> str:
         return ""
     unit = UNITS[record.drive]
     return (
-        f"found {rest:.2g} {unit} beside a sine of {named} and its harmonics, where the noise is {noise:.2g} {unit}, "
+        f"found {rest:.2g} {unit} in addition to a sine of {named} and its harmonics, where the noise is {noise:.2g} "
+        f"{unit}, "
         "but the drive must repeat within its noise"
     )
 
@@ -66,5 +67,5 @@ def _not_settled(record: Record, found: Harmonics, rows: Rows) -> Iterator[Findi
         change, size = abs(last - first), max(abs(first), abs(last))
         if change > max(_MIN_CHANGE * size, _MIN_STANDARD_ERRORS * error):
             found_change = f"found a change by {change / size:.1%} from the first to the last period"
-            message = f"{found_change}, but in steady state all has settled; {_OTHERWISE}"
+            message = f"{found_change}, but in steady state all transients have decayed; {_OTHERWISE}"
             yield Finding("warning", "periodic", signal.file, channel, rows, message)

@@ -61,7 +61,7 @@ def clock(record: Record) -> Iterator[Finding]:
         yield Finding("error", "repeated time", time.file, "time", rows(repeated), message)
     if backward.any():
         first = int(np.argmax(backward))
-        found = f"found time that runs backward ({time.values[first]:.9g} s, then {time.values[first + 1]:.9g} s)"
+        found = f"found time running backward ({time.values[first]:.9g} s, then {time.values[first + 1]:.9g} s)"
         yield Finding("error", "backward time", time.file, "time", rows(backward), f"{found}, {allowed}")
     gaps = steps > _MIN_GAP * usual
     if usual > 0 and gaps.any():

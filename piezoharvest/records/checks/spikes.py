@@ -39,7 +39,9 @@ def spikes(record: Record) -> Iterator[Finding]:
         found = found[found[:, 1] - found[:, 0] < _MAX_SPIKE]
         count = int(np.sum(found[:, 1] - found[:, 0] + 1))
         if others and 0 < count <= max(_MAX_SHARE * len(record), _MAX_SPIKE):
-            message = f"found {counted(count, 'sample')} far off the others while nothing else moves; likely spikes"
+            message = (
+                f"found {counted(count, 'sample')} far from the others while no other channel changes; likely spikes"
+            )
             yield Finding("warning", "spike", signal.file, channel, shifted(found, signal.first_row), message)
 
 

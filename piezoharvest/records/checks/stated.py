@@ -21,8 +21,8 @@ def stated_noise(record: Record) -> Iterator[Finding]:
         times = _floor(signal.values) / signal.sigma
         if times > _MAX_RATIO:
             message = (
-                f"found noise {times:.2g} times the sigma that the campaign states, but must be the standard deviation "
-                "in the channel's unit"
+                f"found noise {times:.2g} times the sigma in the campaign, but sigma must be the standard deviation in "
+                "the channel's unit"
             )
             yield Finding("warning", "sigma", signal.file, channel, (), message)
 

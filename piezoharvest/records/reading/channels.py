@@ -31,7 +31,7 @@ RATES: Mapping[str, int] = MappingProxyType({"velocity": 1, "acceleration": 2})
 DRIVES = ("force", "voltage", "displacement", "base_acceleration")
 
 
-_SAME = "give the same unit, or a gain (per raw unit; 1 if the values are right as they are)"
+_SAME = "give the same unit, or a gain (per raw unit; 1 if the values are correct as they are)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +54,14 @@ class ChannelSource(Component):
         File with the column, if it is not the record's file.
     """
 
-    column: Any = described("name of the column, its number counted from 1, or several that are averaged", default=None)
+    column: Any = described(
+        "name of the column, or its number counted from 1, or a list of columns that are averaged", default=None
+    )
     unit: str = described("unit of the values; default: that of the file, or the SI unit", default="")
-    gain: float | None = quantity("", "values for one raw unit", default=None)
-    offset: float = quantity("", "value for raw zero", default=0.0)
+    gain: float | None = quantity("", "gain: value per raw unit", default=None)
+    offset: float = quantity("", "offset: value at raw zero", default=0.0)
     sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
-    file: str | None = described("file with the column; default: the record's", default=None)
+    file: str | None = described("file with the column; default: that of the record", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,7 +121,7 @@ class ChannelSource(Component):
         if not self.unit and same:
             return stated.factor
         if stated.si == "dB" and not self.unit:
-            raise ParameterError("unit", f'found levels in dB in the file: unit = "dB re {si}" says what 0 dB is')
+            raise ParameterError("unit", f'found levels in dB in the file: unit = "dB re {si}" defines 0 dB')
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
             raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {_SAME}")

@@ -35,15 +35,15 @@ RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
 class _Entry(Component):
     """Keys that all kinds of [[records]] have: `rows` is the part of the file that is the record."""
 
-    file: str = described("data file, relative to the campaign")
-    role: Literal["fit", "validate"] = described(
-        "whether a fit sees the record, or it is kept back to validate", default="fit"
+    file: str = described("data file, relative to the campaign file")
+    role: Literal["fit", "validate"] = described("whether the record is fitted, or kept for validation", default="fit")
+    start_time: float = quantity("s", "start time, since the campaign began", default=0.0)
+    channels: Any = described("sources of the channels of this record", default=None)
+    rows: tuple[int, int] | None = quantity("", "first and last row that is used", default=None, at_least=1)
+    skip_rows: int | None = quantity("", "number of lines above the table of a text file", default=None, at_least=0)
+    header_row: int | None = quantity(
+        "", "number of the line with the column names in a text file", default=None, at_least=1
     )
-    start_time: float = quantity("s", "time since the campaign began", default=0.0)
-    channels: Any = described("channels of this record", default=None)
-    rows: tuple[int, int] | None = quantity("", "first and last row", default=None, at_least=1)
-    skip_rows: int | None = quantity("", "lines above the table of a text file", default=None, at_least=0)
-    header_row: int | None = quantity("", "line with the names in a text file", default=None, at_least=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,7 +56,7 @@ class _EntryWithShunt(_Entry):
     """A record with a shunt or load across the electrodes."""
 
     load_resistance: float | None = quantity("ohm", "resistance across the electrodes", default=None, above=0)
-    shunt: Any = described("circuit, as in a study, with `fit`, a list of its keys that are fitted", default=None)
+    shunt: Any = described("circuit, as in a study, with `fit`, the list of its keys that are fitted", default=None)
 
     @property
     def _table(self) -> Any:
@@ -106,7 +106,7 @@ class _EntryWithShunt(_Entry):
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:
             return None
-        needed = 'it must be a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
+        needed = 'it must be a resistance in ohm, or a table shunt instead (kind = "open", "short", ...)'
         raise ParameterError(f"{where}.load_resistance", f"missing key, {needed}")
 
 
@@ -115,7 +115,7 @@ class TimeEntry(_EntryWithShunt):
     """[[records]] of signals over time."""
 
     drive: Input = described("channel that drives the specimen", default="force")
-    sample_rate: float | None = quantity("Hz", "where the file has no time", default=None, above=0)
+    sample_rate: float | None = quantity("Hz", "sample rate, where the file has no time column", default=None, above=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ class PeriodicEntry(TimeEntry):
     """[[records]] of a few periods of a sine in steady state."""
 
     kind: Literal["periodic"] = described("kind of the record")
-    frequency: float | None = quantity("Hz", "of the sine, where it is known", default=None, above=0)
+    frequency: float | None = quantity("Hz", "frequency of the sine, where it is known", default=None, above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -137,9 +137,9 @@ class FrfEntry(_EntryWithShunt):
     """[[records]] of a frequency response, output over input."""
 
     kind: Literal["frf"] = described("kind of the record")
-    input: Input = described("channel that the response is divided by", default="force")
+    input: Input = described("input: channel by which the response is divided", default="force")
     output: Literal["force", "displacement", "velocity", "acceleration", "voltage", "current"] = described(
-        "channel of the response"
+        "output: channel of the response"
     )
 
     def __post_init__(self) -> None:
@@ -147,7 +147,7 @@ class FrfEntry(_EntryWithShunt):
         if self.input == self.output:
             raise ParameterError("output", f"found {self.output!r}, but this is the input; give another channel")
         if self.input == "displacement" and self.output in RATES:
-            found = f"found {self.output!r} over an imposed displacement, which is the same for every specimen"
+            found = f"found {self.output!r} over an imposed displacement, which does not depend on the specimen"
             raise ParameterError("output", f"{found}, allowed are force, voltage and current")
 
 
@@ -156,7 +156,7 @@ class ImpedanceEntry(_Entry):
     """[[records]] of the impedance of the leads."""
 
     kind: Literal["impedance"] = described("kind of the record")
-    mechanical: Literal["free", "blocked"] = described("boundary of the specimen", default="free")
+    mechanical: Literal["free", "blocked"] = described("mechanical boundary condition of the specimen", default="free")
 
 
 Entry = TimeEntry | FrfEntry | ImpedanceEntry

@@ -104,7 +104,7 @@ class Files(ExitStack):
 
     def below(self) -> list[Finding]:
         """Findings for files that are cut off, and for lines with numbers below the tables, which were not read."""
-        allowed = "which is not read (the key rows of the record says which lines belong to it)"
+        allowed = "which is not read (the key rows of the record selects its lines)"
         cut = [
             Finding("warning", "cut off", name, "", (), f"{reader.cut_off}; likely the file is cut off")
             for name, reader in self._open.items()
@@ -136,7 +136,7 @@ class Files(ExitStack):
         """Raise an error if two channels have the same column."""
         for (one, some), (other, others) in combinations(columns.items(), 2):
             if both := [column for column in some if column in others]:
-                message = f"column {both[0]!r} is that of {one} too, but each channel needs a column of its own"
+                message = f"column {both[0]!r} is also that of {one}, but each channel needs its own column"
                 raise CampaignError(self.folder / name, other, message, channel=other)
 
 

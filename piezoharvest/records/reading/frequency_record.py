@@ -119,7 +119,7 @@ def _doubts(
         stated = [reader.unit(column) for column in columns["phase"]]
         size = float(np.nanmax(np.abs(parts["phase"]), initial=0.0))
         if not any(stated) and _TURN < size <= _HALF_TURN_IN_DEGREES:
-            message = f'found up to {size:.4g}, taken for radians; likely degrees, which unit = "deg" says'
+            message = f'found up to {size:.4g}, taken for radians; likely degrees, which need unit = "deg"'
             found.append(Finding("warning", "unit", entry.file, "phase", (), message))
     return found
 

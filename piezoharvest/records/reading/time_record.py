@@ -51,7 +51,7 @@ class TimeRecordReader:
                 self._find(channel)
         if len(self.columns.keys() - {"time"}) < 2:
             names = shown(files.reader(entry.file).names)
-            message = f"no channel was found beside the drive, at least one is needed (the columns are {names})"
+            message = f"no channel other than the drive was found, at least one is needed (the columns are {names})"
             raise CampaignError(files.folder / entry.file, "", message)
         self.values = self._read()
 
@@ -79,7 +79,7 @@ class TimeRecordReader:
                 self.columns[channel] = [known]
                 if reader.unit(known) is None:
                     says = f"time = {{ column = {known!r} }} in [channels] says so"
-                    message = f"column {known!r} is taken for the time in s, as no other is named; {says}"
+                    message = f"column {known!r} is taken as the time in s, as no other is named; {says}"
                     self.findings.append(Finding("warning", "time unit", name, channel, (), message))
                 return
             if level == "campaign":
@@ -112,7 +112,7 @@ class TimeRecordReader:
             ohm = {one, other} == {"voltage", "current"} and self.shunt == Resistor(resistance=1.0)
             if np.array_equal(values[one], values[other]) and np.ptp(values[one]) > 0 and not ohm:
                 raise self.error(
-                    other, f"its samples are the same as those of {one}, but each channel needs samples of its own"
+                    other, f"its samples are the same as those of {one}, but each channel needs its own samples"
                 )
 
     def signals(self) -> dict[str, Signal]:
@@ -159,7 +159,7 @@ class TimeRecordReader:
         if even.coarse and rate is None:
             step = second * float(even.times[1] - even.times[0])
             found = f"found time stamps rounded to {second * even.unit:.3g} s, taken for even ones of {step:.6g} s"
-            message = f"{found}: a lost sample would not show; give finer stamps or sample_rate"
+            message = f"{found}: a lost sample would not be detected; give finer stamps or sample_rate"
             self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
 
     def _at_stated_rate(self, stamps: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ class TimeRecordReader:
         if rate is not None and abs(step * rate - 1) <= error:
             return stamps[0] + np.arange(len(stamps)) / rate
         found = f"the file states a sampling interval of {step:.6g} s, rounded and up to {100 * error:.2g} % off"
-        message = f"{found}: sample_rate in the record would say it"
+        message = f"{found}: sample_rate in the record would define it"
         self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
         return stamps
 

@@ -111,7 +111,7 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
     columns: dict[str, str | int] = {} if "frequency_Hz" in reader.names else {"frequency": frequency}
-    doubts = () if output else ("no column states a unit such as m/N, which would tell output and input",)
+    doubts = () if output else ("no column states a unit such as m/N, which would identify output and input",)
     return FoundFile(
         path=path, kind="frf", columns=columns, units={}, values={}, count=count, output=output, input=source,
         left=tuple(reader.names), doubts=doubts,
@@ -130,7 +130,7 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
         unit, raw = reader.unit(name), _numbers(reader, name)
         if raw is None or (channel == "time" and not np.all(np.diff(raw) > 0)):
             del columns[channel]
-            wrong = "no times that ascend" if raw is not None else "no numbers"
+            wrong = "no increasing times" if raw is not None else "no numbers"
             doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
         elif unit is not None and unit.firm and unit.si != UNITS[channel]:
             doubts.append(f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing")

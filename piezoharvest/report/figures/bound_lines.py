@@ -52,7 +52,7 @@ class BoundLines:
         if self.power is None:
             return None
         if (band := design_band(self.study)) is not None:
-            return BoundLine("bound of the mean over the band", np.array(band), np.full(2, self.power))
+            return BoundLine("bound for the mean over the band", np.array(band), np.full(2, self.power))
         return BoundLine("bound at each frequency", frequencies, limits_along(self._view, frequencies)[0])
 
     def least_displacement(self, frequencies: np.ndarray) -> BoundLine | None:
@@ -61,7 +61,7 @@ class BoundLines:
             return None
         if (band := design_band(self.study)) is not None:
             peak = 10 ** (self.bound.attenuation_db / 20) * self._view.shorted
-            return BoundLine("bound of the worst peak", np.array(band), np.full(2, peak))
+            return BoundLine("bound for the worst peak", np.array(band), np.full(2, peak))
         least = limits_along(self._view, frequencies)[1]
         return BoundLine("bound at each frequency", frequencies, np.where(least > 0, least, np.nan))
 

@@ -48,7 +48,7 @@ def power_along_loads(
     handles += _limit(power, limit, factor)
     if bound is not None and _fits(power, factor * bound):
         power.axhline(factor * bound, **_BOUND)
-        handles.append(Line2D([], [], label="bound of passive linear shunts", **_BOUND))
+        handles.append(Line2D([], [], label="bound for passive linear shunts", **_BOUND))
     _finish_powers(power, efficiency, unit)
     style.log_axis(efficiency.xaxis, "Ω")
     efficiency.set_xlabel("load resistance (dots: as tuned)")
@@ -71,13 +71,13 @@ def power_along_frequencies(
         _line(power, curve, factor * curve.harvested)
         _line(efficiency, curve, 100 * curve.efficiency)
     handles = _handles([c.subject for c in curves]) + _limit(power, limit, factor)
-    # Without effects that dissipate, the bound at each frequency is the limit of any interface.
+    # Without effects that dissipate, the bound at each frequency is the limit for any interface.
     if bound is not None and not (limit and np.allclose(bound.values, limit, rtol=1e-3)):
         handles += _bound(power, bound, factor) if _fits(power, factor * float(np.max(bound.values))) else []
     handles += _marks((power, efficiency), **marks)
     _finish_powers(power, efficiency, unit)
     efficiency.set_xlim(span.low, span.high)
-    style.frequency_axis(efficiency, span.logarithmic, "frequency of the drive")
+    style.frequency_axis(efficiency, span.logarithmic, "excitation frequency")
     style.legend_above(figure, handles)
     return figure
 
@@ -121,9 +121,9 @@ def damping(
         style.log_axis(level.yaxis, "m")
     else:
         level.set_ylim(bottom=0)
-    attenuation.set_ylabel("against shorted, in dB")
+    attenuation.set_ylabel("relative to shorted, in dB")
     attenuation.set_xlim(span.low, span.high)
-    style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive")
+    style.frequency_axis(attenuation, span.logarithmic, "excitation frequency")
     style.legend_above(figure, handles)
     return figure
 
@@ -167,7 +167,7 @@ def _limit(power: Axes, limit: float | None, factor: float) -> list[Line2D]:
     if limit is None or not _fits(power, factor * limit):
         return []
     power.axhline(factor * limit, **_LIMIT)
-    return [Line2D([], [], label="limit of any interface", **_LIMIT)]
+    return [Line2D([], [], label="limit for any interface", **_LIMIT)]
 
 
 def _bound(axes: Axes, bound: BoundLine, factor: float) -> list[Line2D]:
@@ -176,7 +176,7 @@ def _bound(axes: Axes, bound: BoundLine, factor: float) -> list[Line2D]:
 
 
 def _marks(axes: Sequence[Axes], drive: float | None, band: tuple[float, float] | None) -> list[Line2D]:
-    """Mark the frequency of the drive, or the band of the design, in Hz."""
+    """Mark the excitation frequency, or the band of the design, in Hz."""
     line = {"color": style.MUTED, "linestyle": ":", "linewidth": 1.0}
     for one in axes:
         if band is not None:
@@ -185,7 +185,7 @@ def _marks(axes: Sequence[Axes], drive: float | None, band: tuple[float, float] 
             one.axvline(drive, **line)
     if band is not None:
         return [Line2D([], [], label="band of the design", color=style.GRID, linewidth=7)]
-    return [Line2D([], [], label="drive of the study", **line)] if drive is not None else []
+    return [Line2D([], [], label="excitation of the study", **line)] if drive is not None else []
 
 
 def _finish_powers(power: Axes, efficiency: Axes, unit: str) -> None:

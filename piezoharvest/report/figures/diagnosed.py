@@ -32,7 +32,7 @@ PARTNERS = {"displacement": "force", "voltage": "displacement", "current": "volt
 def _legend(figure: Figure, changed: bool) -> None:
     handles = [Line2D([], [], label="without effects", **{**BEFORE, "linewidth": 1.5})]
     if changed:
-        handles.append(Line2D([], [], label="with them", **{**AFTER, "linewidth": 1.5}))
+        handles.append(Line2D([], [], label="with effects", **{**AFTER, "linewidth": 1.5}))
     handles.append(Line2D([], [], color=style.PALETTE[2], alpha=0.5, linewidth=6, label="noise (±2σ, or its density)"))
     style.legend_above(figure, handles)
 
@@ -175,7 +175,7 @@ def structure_figure(sides: Sequence[tuple[str, Sequence[ResidualTest]]]) -> Fig
                           ticks=[float(np.sign(t) * np.log10(1 + abs(t))) for t in ticks])  # fmt: skip
     bar.ax.set_yticklabels([f"{t:g}".replace("-", "−") for t in ticks])
     bar.ax.grid(False)
-    bar.set_label("above noise, in its own scatter (σ)")
+    bar.set_label("excess over noise, in its standard deviation (σ)")
     return figure
 
 
@@ -208,7 +208,7 @@ def where_figure(found: Sequence[Residuals], channel: str, changed: bool) -> Fig
             _binned(one, white, np.concatenate(where), look)
     axes[0, 0].set_xlabel("time in the record in s")
     axes[0, 1].set_xlabel(f"{drive.replace('_', ' ')} in {pretty_unit(unit)}")
-    axes[1, 0].set_xlabel(f"its rate in {pretty_unit(unit)}/ms")
+    axes[1, 0].set_xlabel(f"rate of change in {pretty_unit(unit)}/ms")
     for one in (axes[0, 0], axes[0, 1], axes[1, 0]):
         one.axhspan(-2, 2, **{**_BAND, "zorder": 1})
         one.set_ylabel("mean in σ")

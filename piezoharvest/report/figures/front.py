@@ -36,7 +36,7 @@ def front(drawn: Sequence[tuple[Subject, Front]], best: Sequence[FrontPoint], bo
         look = _look(subject, alone=len(one.points) == 1)
         axes.plot(*_figures(one.points, factor), **look)
         handles.append(Line2D([], [], label=subject.label, **look))
-    axes.set_xlabel("displacement against shorted electrodes in dB (to the left: more damping)")
+    axes.set_xlabel("displacement relative to shorted electrodes in dB (to the left: more damping)")
     axes.set_ylabel(f"harvested power in {unit}")
     handles += _bounds(axes, bound, factor)
     axes.set_ylim(bottom=-0.02 * factor * top)  # after the bounds: it ends the automatic choice of the upper end
@@ -66,4 +66,4 @@ def _bounds(axes: Axes, bound: Bound, factor: float) -> list[Line2D]:
     if bound.attenuation_db is not None and bound.attenuation_db > left - max(_MARGIN * (right - left), 1.0):
         axes.axvline(bound.attenuation_db, **_BOUND)
         near = True
-    return [Line2D([], [], label="bound of passive linear shunts", **_BOUND)] if near else []
+    return [Line2D([], [], label="bound for passive linear shunts", **_BOUND)] if near else []

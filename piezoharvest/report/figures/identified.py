@@ -113,7 +113,7 @@ def loops_figure(records: Sequence[Predicted]) -> Figure | None:
         one.set_xlabel(f"{x_name} in {px}")
         one.set_ylabel(f"{y_name} in {py}")
     handles = [
-        Line2D([], [], color=style.PALETTE[0], linewidth=2.4, alpha=0.4, label="measured (a colour for each record)"),
+        Line2D([], [], color=style.PALETTE[0], linewidth=2.4, alpha=0.4, label="measured (one colour per record)"),
         Line2D([], [], color=style.INK, linewidth=0.5, label="predicted"),
     ]
     style.legend_above(figure, handles)

@@ -32,7 +32,9 @@ def restrictions(rows: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set_yticks(range(len(rows)), [row["name"] for row in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     reference = f"the {rows[0]['name']}" if rows[0]["order"] is None else rows[0]["name"]
-    axes.set_xlabel(f"harvested power in % of {reference}" if power else "attenuation against shorted electrodes in dB")
+    axes.set_xlabel(
+        f"harvested power in % of {reference}" if power else "attenuation relative to shorted electrodes in dB"
+    )
     axes.grid(visible=False, axis="y")
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0)

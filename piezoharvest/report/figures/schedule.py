@@ -48,7 +48,7 @@ def schedule(subjects: Sequence[Subject], band: tuple[float, float]) -> Figure:
     power.set_ylabel(f"harvested power in {unit}")
     power.set_ylim(bottom=0)
     power.set_xlim(*band)
-    style.frequency_axis(power, False, "frequency of the drive")
+    style.frequency_axis(power, False, "excitation frequency")
     handles = [Line2D([], [], label=s.label, **s.style) for s in subjects]
     fixed = Line2D([], [], label="best fixed values (power: mean)", color=style.MUTED, **_FIXED)
     style.legend_above(figure, [*handles, fixed])

@@ -49,9 +49,9 @@ def worst_case_text(study: Study, subjects: Sequence[Subject]) -> str:
         return ""
     what = "damping" if case.objective == "attenuation_db" else "power"
     at = ", ".join(f"{name.replace('_', ' ')} {_deviation(name, value)}" for name, value in case.corner.items())
-    where = f"at {at}" if at else "with nothing that varies"
-    ranked = "Ranked is the worst case, which each was tuned for" if study.design.worst_case else (
-        "Each was tuned for the middle of the intervals")  # fmt: skip
+    where = f"at {at}" if at else "without any deviation"
+    ranked = "Candidates were tuned for, and are ranked by, the worst case" if study.design.worst_case else (
+        "Candidates were tuned for the nominal values")  # fmt: skip
     return f"The least {what} of {subjects[0].label} is {_shown(case)(case.worst)}, {where}. {ranked}."
 
 

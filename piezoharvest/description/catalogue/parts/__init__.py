@@ -43,7 +43,7 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
     values = dict(table)
     if DIODE not in values:
         if CURRENT in values and CURRENT not in fields:
-            raise ParameterError(CURRENT, f"found without {DIODE}, which must say whose peak current it is")
+            raise ParameterError(CURRENT, f"found without {DIODE}, which must name the diode of this peak current")
         return values
     name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
     if KEYS[0] not in fields:
@@ -51,7 +51,7 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
     check_choice(DIODE, name, diodes())
     for key in KEYS:
         if key in values:
-            raise ParameterError(key, f"found beside {DIODE}, which gives it: take one of the two away")
+            raise ParameterError(key, f"found together with {DIODE}, which gives it too: remove one of the two")
     if isinstance(current, bool) or not isinstance(current, int | float) or not current > 0:
         raise ParameterError(CURRENT, f"found {current!r}, must be a finite number greater than 0 A")
     part = diodes()[name]

@@ -19,14 +19,14 @@ class WithDiodes(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class DiodeDropError(Effect):
-    """Every diode drops `diode_drop` instead of what its label says; absent where the two are equal."""
+    """Every diode has the forward drop `diode_drop` instead of its nominal one; absent where the two are equal."""
 
     name: ClassVar[str] = "diode_drop_error"
     source: ClassVar[str] = "Sze & Ng, Physics of Semiconductor Devices, 2007, section 2.3"
     looks: ClassVar[str] = (
-        "while the bridge conducts, the voltage is above that of the dc side by a constant, whatever the amplitude"
+        "while the bridge conducts, the voltage exceeds the dc voltage by a constant, whatever the amplitude"
     )
-    told_by: ClassVar[str] = "record the dc voltage beside that of the leads, or measure at two amplitudes"
+    told_by: ClassVar[str] = "record the dc voltage as well as the electrode voltage, or measure at two amplitudes"
 
     diode_drop: float = quantity("V", "forward drop of one diode", at_least=0, null=AS_LABELLED)
 

@@ -13,18 +13,18 @@ from piezoharvest.description.shunts.switching import EmptyingSwitch, SwitchedCo
 
 @dataclass(frozen=True, kw_only=True)
 class InversionLoss(Effect):
-    """The quality of the switched loop is `quality` instead of that of its label; absent where the two are equal.
+    """The quality of the switched loop is `quality` instead of its nominal one; absent where the two are equal.
 
     An inversion of the voltage V leaves q V of the other sign, q = exp(-pi/(2 Q_i)). The switch stays closed for half a
-    damped period of the loop as it is: how long it is closed is told by `on_time_offset`.
+    damped period of the actual loop; `on_time_offset` describes a wrong closing time.
     """
 
     name: ClassVar[str] = "inversion_loss"
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
-    looks: ClassVar[str] = "every inversion leaves less voltage than it should, by the same share at every amplitude"
+    looks: ClassVar[str] = "every inversion leaves less voltage than expected, by the same fraction at every amplitude"
     told_by: ClassVar[str] = (
-        "sample an inversion fast enough to see it: a voltage that falls back after it, or diodes that drop another "
-        "voltage, leave the inversion itself alone"
+        "sample an inversion fast enough to resolve it: a voltage that falls back afterwards, or diodes that drop "
+        "another voltage, do not change the inversion itself"
     )
 
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5, null=AS_LABELLED)

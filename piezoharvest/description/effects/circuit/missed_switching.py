@@ -17,17 +17,17 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 class MissedSwitching(Effect):
     """The peak detector does not act at an extremum at which |v_p| is below `threshold`; absent at zero.
 
-    The voltage counts, not the displacement: it is what a detector sees. A larger threshold of the label's own holds.
+    The voltage counts, not the displacement, as a detector sees only the voltage. A larger nominal threshold prevails.
     """
 
     name: ClassVar[str] = "missed_switching"
     source: ClassVar[str] = "Lallart & Guyomar, Smart Mater. Struct. 17(3), 035030, 2008"
-    looks: ClassVar[str] = "some extrema pass without an inversion, those at small voltages"
-    told_by: ClassVar[str] = "record the gate, or raise the amplitude until every extremum is switched"
+    looks: ClassVar[str] = "no inversion takes place at extrema where the voltage is small"
+    told_by: ClassVar[str] = "record the gate signal, or raise the amplitude until the switch acts at every extremum"
 
     scanned: ClassVar[bool] = True
 
-    threshold: float = quantity("V", "voltage below which the switch does not act", at_least=0, null=0.0)
+    threshold: float = quantity("V", "electrode voltage below which the switch does not act", at_least=0, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
         if not isinstance(shunt, SynchronisedShunt):

@@ -26,15 +26,18 @@ class OnTimeOffset(Effect):
 
     name: ClassVar[str] = "on_time_offset"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard, Petit & Guyomar, Sens. Actuators A 126(2), 405-416, 2006"
-    looks: ClassVar[str] = "an inversion ends before or after the voltage's peak, and takes that much longer or shorter"
+    looks: ClassVar[str] = (
+        "the inversion ends before or after the voltage reaches its peak, as the switch is closed too short or too long"
+    )
     told_by: ClassVar[str] = (
-        "record the gate, or sample an inversion: a loop of low quality ends at its peak, at the commanded time"
+        "record the gate signal, or sample an inversion: a loop of low quality still ends at its peak, at the "
+        "commanded time"
     )
 
     # A switch that opens on time cuts no current: to first order nothing changes.
     second_order: ClassVar[bool] = True
 
-    on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
+    on_time_error: float = quantity("", "relative error in addition to the nominal one", above=-1, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
         if not isinstance(shunt, WithOnTime) or not self.acts_on(shunt):

@@ -17,19 +17,23 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 class ProbeLoading(Effect):
     """Resistance and capacitance of a meter across the leads, or across the dc side.
 
-    It is absent at infinite resistance without a capacitance. Across the leads its current passes the load by. Its
-    capacitance, small beside the clamped one, stands beside that, across v_t: the part of its charge that the
-    hysteresis would see is neglected. On the dc side it adds to the smoothing capacitor, and what its resistance takes
-    is no harvest; a constant dc voltage does not feel it.
+    It is absent at infinite resistance without a capacitance. Across the leads its current bypasses the load. Its
+    capacitance, small compared with the clamped one, is in parallel with that, across v_t: the part of its charge that
+    the hysteresis would see is neglected. On the dc side it adds to the smoothing capacitor, and the power in its
+    resistance is not harvested; it does not affect a constant dc voltage.
     """
 
     name: ClassVar[str] = "probe_loading"
     source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, appendix O"
-    looks: ClassVar[str] = "less voltage with the meter on than without it, most with large loads and at low frequency"
-    told_by: ClassVar[str] = "measure through a buffer, or with a second meter of the same kind beside the first"
+    looks: ClassVar[str] = (
+        "less voltage with the meter connected than without it, mostly with large load resistances and at low frequency"
+    )
+    told_by: ClassVar[str] = "measure through a buffer, or connect a second meter of the same kind in parallel"
 
-    resistance: float = quantity("ohm", "resistance of the meter", above=0, null=float("inf"))
-    capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0, null=0.0)
+    resistance: float = quantity("ohm", "input resistance of the meter", above=0, null=float("inf"))
+    capacitance: float = quantity(
+        "F", "input capacitance of the meter and its cable", default=0.0, at_least=0, null=0.0
+    )
     place: Literal["leads", "dc"] = described("across the electrodes, or across the dc side", default="leads")
 
     def act(self, specimen: EquationBuilder) -> None:

@@ -13,19 +13,21 @@ from piezoharvest.description.shunts.bridge import Bridge
 
 @dataclass(frozen=True, kw_only=True)
 class ReverseLeakage(Effect):
-    """Every diode of a bridge conducts backwards with `conductance`, beside that of its label; absent at zero.
+    """Every diode of a bridge has a reverse `conductance` in addition to its nominal one; absent at zero.
 
     See `shunts.bridge.Bridge`: four such conductances are one across the leads and one across the dc side.
     """
 
     name: ClassVar[str] = "reverse_leakage"
     source: ClassVar[str] = "Sze & Ng, Physics of Semiconductor Devices, 2007, section 2.3"
-    looks: ClassVar[str] = "the dc side discharges faster than its load lets it, and the voltage decays between peaks"
+    looks: ClassVar[str] = (
+        "the dc side discharges faster than through its load alone, and the voltage decays between peaks"
+    )
     told_by: ClassVar[str] = (
-        "measure with the bridge taken off: a leakage of the specimen stays; a probe is there on one side only"
+        "measure with the bridge removed: a leakage of the specimen remains; a probe loads one side only"
     )
 
-    conductance: float = quantity("S", "of one diode, backwards", at_least=0, null=0.0)
+    conductance: float = quantity("S", "reverse conductance of one diode", at_least=0, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
         if not isinstance(shunt, Bridge):

@@ -13,16 +13,18 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 
 @dataclass(frozen=True, kw_only=True)
 class SwitchDelay(Effect):
-    """The switch acts later than its label says, by a comparator's or a gate driver's delay; absent at zero."""
+    """The switch acts later than nominal, by the delay of a comparator or gate driver; absent at zero."""
 
     name: ClassVar[str] = "switch_delay"
     source: ClassVar[str] = "Liang & Liao, IEEE Trans. Ind. Electron. 59(4), 1950-1960, 2012"
-    looks: ClassVar[str] = "the voltage has already turned when it is inverted, by the same time at every frequency"
+    looks: ClassVar[str] = (
+        "the voltage is inverted after it has passed its extremum, by the same time at every frequency"
+    )
     told_by: ClassVar[str] = (
-        "record the gate, or the same drive at two frequencies: a lossy loop inverts less at the extremum itself"
+        "record the gate signal, or measure at two frequencies: a lossy loop inverts less, but at the extremum itself"
     )
 
-    time_lag: float = quantity("s", "delay beside that of the label", at_least=0, null=0.0)
+    time_lag: float = quantity("s", "delay in addition to the nominal one", at_least=0, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
         if not isinstance(shunt, SynchronisedShunt):

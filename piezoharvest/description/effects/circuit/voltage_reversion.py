@@ -14,22 +14,25 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageReversion(Effect):
-    """After a sudden change of the voltage by V, open clamped electrodes fall back by share V; absent at zero share.
+    """After a sudden voltage change V, open clamped electrodes fall back by `share` times V; absent at zero share.
 
     Dielectric loss: a part of the polarisation follows through a resistance, and a fast inversion leaves its charge
-    as it was. A series R-C branch beside C, across v_t, with a capacitance C_r = C share/(1 - share) that shares its
-    charge with C in the time constant R C C_r/(C + C_r). It is a `dielectric_relaxation` in the terms of the inversion,
-    and acts behind every circuit; only behind a switch is it told as what it is.
+    unchanged. A series R-C branch in parallel with C, with a capacitance C_r = C share/(1 - share) that shares its
+    charge with C in the time constant R C C_r/(C + C_r). It is a `dielectric_relaxation` expressed by its influence on
+    an inversion. It acts behind every circuit, but only behind a switch is it recognised as such.
     """
 
     name: ClassVar[str] = "voltage_reversion"
     source: ClassVar[str] = "Jonscher, Dielectric Relaxation in Solids, 1983 (a series R-C branch)"
-    looks: ClassVar[str] = "right after an inversion the voltage falls back by a share of it, then goes on as before"
+    looks: ClassVar[str] = (
+        "right after an inversion the voltage falls back by a fraction of it, then continues as before"
+    )
     told_by: ClassVar[str] = (
-        "samples within the time after an inversion: a lossy loop inverts less at once, and nothing falls back"
+        "sample the voltage right after an inversion: with a lossy loop it is inverted less from the start and does "
+        "not fall back"
     )
 
-    share: float = quantity("", "share of a sudden change that is lost", above=0, below=1, null=0.0)
+    share: float = quantity("", "fraction of a sudden voltage change that is lost", above=0, below=1, null=0.0)
     time_constant: float = quantity("s", "time constant with which it is lost, electrodes open", above=0)
 
     def act(self, specimen: EquationBuilder) -> None:

@@ -1,4 +1,4 @@
-"""Constant current into the node."""
+"""Constant current into the positive lead."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,16 @@ from piezoharvest.description.protocol import CampaignSizes, EnergyRows, Equatio
 
 @dataclass(frozen=True, kw_only=True)
 class BiasCurrent(Effect):
-    """A constant current into the positive lead, as an amplifier's input has it; absent at zero."""
+    """A constant current into the positive lead, such as the input bias current of an amplifier; absent at zero."""
 
     name: ClassVar[str] = "bias_current"
     source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, section 4.4"
-    looks: ClassVar[str] = "voltage and current are off by a constant in proportion to the load resistance"
-    told_by: ClassVar[str] = "records with two load resistances: a sensor's offset does not depend on them"
+    looks: ClassVar[str] = (
+        "voltage and current have an offset; that of the voltage is proportional to the load resistance"
+    )
+    told_by: ClassVar[str] = "record with two load resistances: the offset of a sensor does not depend on them"
 
-    current: float = quantity("A", "current into the node", null=0.0)
+    current: float = quantity("A", "current into the positive lead", null=0.0)
 
     def act(self, specimen: EquationBuilder) -> None:
         specimen.draw(-self.current * specimen.one)

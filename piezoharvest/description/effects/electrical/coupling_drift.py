@@ -11,14 +11,17 @@ from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 @dataclass(frozen=True, kw_only=True)
 class CouplingDrift(Effect):
-    """T (1 + d t/duration): by the end of a record the coupling has changed by the share d; absent at d = 0."""
+    """T (1 + d t/duration): over each record the coupling changes by the fraction d; absent at d = 0."""
 
     name: ClassVar[str] = "coupling_drift"
     source: ClassVar[str] = "Zhang, Lim, Lee & Bae, J. Appl. Phys. 119, 034101, 2016"
     looks: ClassVar[str] = (
-        "the amplitude of voltage and current slides over every record while displacement and force stay"
+        "the amplitudes of voltage and current drift over every record while those of displacement and force stay "
+        "constant"
     )
-    told_by: ClassVar[str] = "a long record at constant amplitude: a leakage or a load error does not change with time"
+    told_by: ClassVar[str] = (
+        "make a long record at constant amplitude: a leakage or a load error does not change with time"
+    )
 
     relative_drift: float = quantity("", "relative change over a record", above=-1, null=0.0)
 

@@ -12,16 +12,19 @@ from piezoharvest.description.protocol import CampaignSizes, EnergyRows, Equatio
 
 @dataclass(frozen=True, kw_only=True)
 class DielectricRelaxation(Effect):
-    """A series R-C branch beside C, across v_t, R = time_constant / capacitance; absent at zero capacitance."""
+    """A series R-C branch in parallel with C, R = time_constant / capacitance; absent at zero capacitance."""
 
     name: ClassVar[str] = "dielectric_relaxation"
     source: ClassVar[str] = "Debye, Polar Molecules, 1929; Jonscher, Dielectric Relaxation in Solids, 1983"
     looks: ClassVar[str] = (
-        "after a step the voltage first falls and then lingers; phase of the voltage turns at low frequency"
+        "after a step the voltage falls quickly at first and then slowly; the phase of the voltage shifts at low "
+        "frequency"
     )
-    told_by: ClassVar[str] = "an impedance sweep from 10 mHz up: a leakage is one slope, a relaxation a step"
+    told_by: ClassVar[str] = (
+        "sweep the impedance from 10 mHz upwards: a leakage appears as a slope, a relaxation as a step"
+    )
 
-    capacitance: float = quantity("F", "capacitance that follows slowly", above=0, null=0.0)
+    capacitance: float = quantity("F", "capacitance of the relaxing branch", above=0, null=0.0)
     time_constant: float = quantity("s", "time constant of the branch", above=0)
 
     def act(self, specimen: EquationBuilder) -> None:

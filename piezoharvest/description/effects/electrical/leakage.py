@@ -12,14 +12,14 @@ from piezoharvest.description.protocol import CampaignSizes, EnergyRows, Equatio
 
 @dataclass(frozen=True, kw_only=True)
 class Leakage(Effect):
-    """A resistance across the electrodes: a meter's input, moisture; absent when infinite."""
+    """A resistance across the electrodes, such as a meter's input or moisture; absent when infinite."""
 
     name: ClassVar[str] = "leakage"
     source: ClassVar[str] = "IEEE Std 176-1987"
     looks: ClassVar[str] = (
-        "the voltage decays faster than the load alone lets it, most with the largest load resistance"
+        "the voltage decays faster than through the load alone, most with the largest load resistance"
     )
-    told_by: ClassVar[str] = "a step with open electrodes: the decay is the leakage's alone"
+    told_by: ClassVar[str] = "apply a step with open electrodes: the voltage then decays through the leakage alone"
 
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 

@@ -16,13 +16,13 @@ class NonlinearCoupling(Effect):
     name: ClassVar[str] = "nonlinear_coupling"
     source: ClassVar[str] = "Maugin, Nonlinear Electromechanical Effects and Applications, 1985"
     looks: ClassVar[str] = (
-        "the voltage has a second harmonic and grows faster or slower than the force while the displacement does not"
+        "the voltage has a second harmonic and is not proportional to the force, while the displacement is"
     )
     told_by: ClassVar[str] = (
-        "records at two preloads: this coupling changes with the preload, a voltage-dependent capacitance does not"
+        "record at two preloads: this coupling changes with the preload, a voltage-dependent capacitance does not"
     )
 
-    quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)
+    quadratic_coupling: float = quantity("C/m^2", "quadratic coupling T2", null=0.0)
 
     def act(self, specimen: EquationBuilder) -> None:
         specimen.charge(self.quadratic_coupling * specimen.power(specimen.x, 2))

@@ -16,13 +16,15 @@ class VoltageDependentCapacitance(Effect):
     name: ClassVar[str] = "voltage_dependent_capacitance"
     source: ClassVar[str] = "Hall, J. Mater. Sci. 36, 4575-4601, 2001"
     looks: ClassVar[str] = (
-        "the voltage saturates or sharpens at its peaks, third harmonic growing with the cube of the force"
+        "the peaks of the voltage are flattened or sharpened, with a third harmonic that grows with the cube of the "
+        "force"
     )
     told_by: ClassVar[str] = (
-        "two force levels at one frequency with a large load resistance: stiffening shows in the displacement too"
+        "record two force levels at one frequency with a large load resistance: stiffening shows in the displacement "
+        "too"
     )
 
-    beta: float = quantity("1/V^2", "relative change of the charge with the square of the voltage", null=0.0)
+    beta: float = quantity("1/V^2", "relative change of the charge, per squared volt", null=0.0)
 
     def act(self, specimen: EquationBuilder) -> None:
         specimen.charge(specimen.transducer.capacitance * self.beta * specimen.power(specimen.v_t, 3))

@@ -18,10 +18,14 @@ class Creep(Effect):
 
     name: ClassVar[str] = "creep"
     source: ClassVar[str] = "Ge & Jouaneh, Precis. Eng. 17(3), 211-221, 1995"
-    looks: ClassVar[str] = "displacement and charge keep growing under a constant load, and come back slowly"
-    told_by: ClassVar[str] = "a long step: leakage moves the voltage only, creep displacement and charge together"
+    looks: ClassVar[str] = "displacement and charge keep growing under a constant force, and recover slowly"
+    told_by: ClassVar[str] = (
+        "apply a long step: leakage changes the voltage only, creep changes displacement and charge together"
+    )
 
-    compliance_ratio: float = quantity("", "compliance of the element over that of the spring", at_least=0, null=0.0)
+    compliance_ratio: float = quantity(
+        "", "compliance of the element, relative to that of the spring", at_least=0, null=0.0
+    )
     time_constant: float = quantity("s", "retardation time", above=0)
 
     def act(self, specimen: EquationBuilder) -> None:

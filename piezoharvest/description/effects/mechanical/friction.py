@@ -12,15 +12,14 @@ from piezoharvest.description.protocol import CampaignSizes, EnergyRows, Equatio
 
 @dataclass(frozen=True, kw_only=True)
 class Friction(Effect):
-    """Stop operator on the displacement beside the spring (Jenkins element); absent at zero stiffness."""
+    """Stop operator on the displacement, in parallel with the spring (Jenkins element); absent at zero stiffness."""
 
     name: ClassVar[str] = "friction"
     source: ClassVar[str] = "Iwan, J. Appl. Mech. 33(4), 893-900, 1966"
-    looks: ClassVar[str] = (
-        "the loop of force and displacement is open by the same width at every frequency, with minor loops inside"
-    )
+    looks: ClassVar[str] = "the force-displacement loop has the same width at every frequency, and contains minor loops"
     told_by: ClassVar[str] = (
-        "a slow record with small reversals at several levels, electrodes shorted: damping closes with the frequency, "
+        "make a slow record with small reversals at several levels, electrodes shorted: the loop of damping narrows "
+        "with the frequency, "
         "friction does not"
     )
 

@@ -15,12 +15,12 @@ class Stiffening(Effect):
 
     name: ClassVar[str] = "stiffening"
     source: ClassVar[str] = "Nayfeh & Mook, Nonlinear Oscillations, 1979"
-    looks: ClassVar[str] = "the loop of force and displacement bends, displacement and voltage alike"
+    looks: ClassVar[str] = "the force-displacement curve bends, and the voltage bends like the displacement"
     told_by: ClassVar[str] = (
-        "two levels of force: a contact's compliance bends the displacement only, and most at small force"
+        "record two force levels: a contact compliance bends the displacement only, and most at small force"
     )
 
-    cubic_stiffness: float = quantity("N/m^3", "k3", null=0.0)
+    cubic_stiffness: float = quantity("N/m^3", "cubic stiffness k3", null=0.0)
 
     def act(self, specimen: EquationBuilder) -> None:
         specimen.push(-self.cubic_stiffness * specimen.power(specimen.x, 3))

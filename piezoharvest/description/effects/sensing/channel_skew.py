@@ -11,14 +11,15 @@ from piezoharvest.description.protocol import CampaignSizes
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSkew(Effect):
-    """Voltage and current are those of `delay` ago; absent at zero."""
+    """Voltage and current are recorded late by `delay`; absent at zero."""
 
     name: ClassVar[str] = "channel_skew"
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
     looks: ClassVar[str] = "voltage and current are late by the same time at every frequency"
     told_by: ClassVar[str] = (
-        "a faster record: a leakage or relaxation turns the phase at low frequency, a delay at high frequency"
+        "record at higher frequency: a leakage or relaxation shifts the phase at low frequency, a delay at high "
+        "frequency"
     )
 
     delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)

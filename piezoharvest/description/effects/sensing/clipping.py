@@ -11,16 +11,16 @@ from piezoharvest.description.protocol import CampaignSizes
 
 @dataclass(frozen=True, kw_only=True)
 class Clipping(Effect):
-    """A channel ends at +-limit; absent at infinity."""
+    """A channel is clipped at +-limit; absent at infinity."""
 
     name: ClassVar[str] = "clipping"
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Bendat & Piersol, Random Data, 2010, section 10.3"
     looks: ClassVar[str] = "the peaks of one channel are cut off flat, always at the same value"
-    told_by: ClassVar[str] = "a record at a smaller amplitude, or with a larger range"
+    told_by: ClassVar[str] = "record at a smaller amplitude, or with a larger range"
 
     limit: float = quantity("", "largest value, in the channel's SI unit", above=0, null=float("inf"))
-    channel: Channel = described("channel that is cut off")
+    channel: Channel = described("channel that is clipped")
 
     def span(self, channel: str) -> float:
         return self.limit if channel == self.channel else float("inf")

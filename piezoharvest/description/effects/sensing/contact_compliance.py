@@ -11,19 +11,21 @@ from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance(Effect):
-    """Hertzian joint: the sensor reads c F^(2/3) more under compression (F > 0); absent at c = 0.
+    """Hertzian joint: the sensor reads an extra c F^(2/3) under compression (F > 0); absent at c = 0.
 
-    Under tension it is open and reads nothing, or, pressed together by something else, as much less.
+    Under tension the joint opens and adds nothing, or, if it is held closed, reduces the reading by as much.
     """
 
     name: ClassVar[str] = "contact_compliance"
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Johnson, Contact Mechanics, 1985, section 4.2"
-    looks: ClassVar[str] = "extra displacement, steep at small force, that the voltage knows nothing of"
-    told_by: ClassVar[str] = "a second displacement sensor on the specimen itself, or a record under a larger preload"
+    looks: ClassVar[str] = "extra displacement, steep at small force, that does not appear in the voltage"
+    told_by: ClassVar[str] = "use a second displacement sensor on the specimen itself, or record under a larger preload"
 
-    coefficient: float = quantity("m/N^(2/3)", "c", at_least=0, null=0.0)
-    tension: Literal["open", "closed"] = described("under tension the joint is open, or is held closed", default="open")
+    coefficient: float = quantity("m/N^(2/3)", "coefficient c of the joint", at_least=0, null=0.0)
+    tension: Literal["open", "closed"] = described(
+        "behaviour under tension: the joint opens, or is held closed", default="open"
+    )
 
     def act(self, specimen: EquationBuilder) -> None:
         if specimen.drive_name != "force":

@@ -17,9 +17,12 @@ class DisplacementLag(Effect):
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
     looks: ClassVar[str] = (
-        "the loop of force and displacement opens in proportion to the frequency, the voltage does not"
+        "the force-displacement loop opens in proportion to the frequency, while the voltage is not affected"
     )
-    told_by: ClassVar[str] = "a faster record: friction's loop keeps its width, damping turns the voltage too"
+    told_by: ClassVar[str] = (
+        "record at higher frequency: a loop due to friction keeps its width, damping shifts the phase of the voltage "
+        "too"
+    )
 
     time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)
 

@@ -15,18 +15,22 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 
 @dataclass(frozen=True, kw_only=True)
 class LoadError(Effect):
-    """The load resistor is R (1 + e): every one, or those whose label is `resistance`; absent at e = 0."""
+    """The load resistor is R (1 + e): all of them, or those of nominal value `resistance`; absent at e = 0."""
 
     name: ClassVar[str] = "load_error"
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "IEC 60062"
     looks: ClassVar[str] = (
-        "voltage over current is not the load that is written on it, in the records of one load or in all"
+        "the ratio of voltage to current differs from the nominal load, in the records of one load or of all"
     )
-    told_by: ClassVar[str] = "measure the load with an ohmmeter; voltage and current together tell it from a leakage"
+    told_by: ClassVar[str] = (
+        "measure the load with an ohmmeter; voltage and current together distinguish it from a leakage"
+    )
 
-    relative_error: float = quantity("", "e", above=-1, null=0.0)
-    resistance: float | None = quantity("ohm", "which label", default=None, above=0)
+    relative_error: float = quantity("", "relative error e of the load", above=-1, null=0.0)
+    resistance: float | None = quantity(
+        "ohm", "nominal value of the load concerned; default: all loads", default=None, above=0
+    )
 
     def connect(self, shunt: Shunt) -> Shunt:
         if not isinstance(shunt, Resistor):

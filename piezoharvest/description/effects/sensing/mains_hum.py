@@ -14,13 +14,13 @@ TOLERANCE = 0.01  # relative deviation of a network's frequency from the nominal
 
 @dataclass(frozen=True, kw_only=True)
 class MainsHum(Effect):
-    """A line on a channel, at a phase that is another one in each record; absent at zero."""
+    """A line at the mains frequency on a channel, with a different phase in each record; absent at zero."""
 
     name: ClassVar[str] = "mains_hum"
     of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, section 8.13"
-    looks: ClassVar[str] = "a sharp line at 50 or 60 Hz in one channel, whatever the drive does"
-    told_by: ClassVar[str] = "a record without drive"
+    looks: ClassVar[str] = "a sharp line at 50 or 60 Hz in one channel, whatever the drive"
+    told_by: ClassVar[str] = "make a record without drive"
 
     amplitude: float = quantity("", "peak value, in the channel's SI unit", at_least=0, null=0.0)
     frequency: float = quantity("Hz", "mains frequency", above=0)

@@ -43,15 +43,21 @@ class AdaptiveRL(Shunt):
     unrecorded: ClassVar[str] = "whose inductance no record shows, allowed are circuits without a controller"
     multiplied: ClassVar[tuple[str, ...]] = ("beyond", "phase")
 
-    inductance: float = quantity("H", "inductance where a transient begins", above=0)
-    resistance: float = quantity("ohm", "resistance in series with the coil, or beside it", above=0)
+    inductance: float = quantity("H", "inductance at the start of a transient", above=0)
+    resistance: float = quantity("ohm", "resistance in series or in parallel with the coil", above=0)
     adaptation_rate: float = quantity(
-        "1/(A^2 s)", "of L_0/L, for each A^2 of the product of coil current and strain current", above=0
+        "1/(A^2 s)", "adaptation gain: rate of L_0/L per A^2 of the product of coil current and strain current", above=0
     )
     averaging_time: float = quantity("s", "time constant of the filter behind the multiplier", above=0)
-    min_inductance: float | None = quantity("H", "smallest inductance; None: half of the first", default=None, above=0)
-    max_inductance: float | None = quantity("H", "largest inductance; None: twice the first", default=None, above=0)
-    topology: Literal["series", "parallel"] = described("where the resistance is", default="series")
+    min_inductance: float | None = quantity(
+        "H", "smallest inductance; None: half of the initial one", default=None, above=0
+    )
+    max_inductance: float | None = quantity(
+        "H", "largest inductance; None: twice the initial one", default=None, above=0
+    )
+    topology: Literal["series", "parallel"] = described(
+        "whether the resistance is in series or in parallel", default="series"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -41,11 +41,13 @@ class Digital(Shunt):
     sampled: ClassVar[bool] = True
     unrecorded: ClassVar[str] = "whose clock no record shows, allowed are circuits without a controller"
 
-    numerator: tuple[float, ...] = quantity("", "of the admittance in S, highest power of s (1/s) first")
-    denominator: tuple[float, ...] = quantity("", "of the admittance, highest power of s (1/s) first")
+    numerator: tuple[float, ...] = quantity("", "numerator of the admittance in S, highest power of s (1/s) first")
+    denominator: tuple[float, ...] = quantity("", "denominator of the admittance, highest power of s (1/s) first")
     sample_time: float = quantity("s", "time between two samples", above=0)
-    delay: float = quantity("s", "from a sample to the current that follows from it", default=0.0, at_least=0)
-    resolution: float = quantity("V", "step of the converter that reads the voltage", default=0.0, at_least=0)
+    delay: float = quantity("s", "time from a sample to the current that results from it", default=0.0, at_least=0)
+    resolution: float = quantity(
+        "V", "quantisation step of the converter that reads the voltage", default=0.0, at_least=0
+    )
     saturation: float | None = quantity("A", "largest current; None: no limit", default=None, above=0)
 
     def __post_init__(self) -> None:

@@ -28,8 +28,8 @@ class OpAmpNegativeCapacitance(Shunt):
     kind: ClassVar[str] = "op_amp_negative_capacitance"
     source: ClassVar[str] = "Forward, J. Spacecraft Rockets 16(1), 11-17, 1979; de Marneffe & Preumont, SMS 17, 2008"
 
-    capacitance: float = quantity("F", "size of the negative capacitance", above=0)
-    resistance: float = quantity("ohm", "load resistance beside it", above=0)
+    capacitance: float = quantity("F", "magnitude of the negative capacitance", above=0)
+    resistance: float = quantity("ohm", "load resistance in parallel with it", above=0)
     gain_bandwidth: float = quantity("Hz", "gain-bandwidth product of the amplifier", above=0)
     saturation: float = quantity("V", "largest output voltage, of either sign", above=0)
 

@@ -29,9 +29,11 @@ class ESSH(DSSH):
     kind: ClassVar[str] = "essh"
     source: ClassVar[str] = "Shen, Qiu, Ji, Zhu & Balsi, Smart Mater. Struct. 19(11), 115017, 2010"
 
-    second_inductance: float = quantity("H", "inductance of the coil between capacitor and load", above=0)
-    second_quality: float = quantity("", "its quality with the intermediate capacitor, sqrt(L/C)/R", above=0.5)
-    residual: float = quantity("", "share of the intermediate voltage that it leaves", at_least=0, below=1)
+    second_inductance: float = quantity("H", "inductance of the coil between intermediate capacitor and load", above=0)
+    second_quality: float = quantity("", "quality of this coil with the intermediate capacitor, sqrt(L/C)/R", above=0.5)
+    residual: float = quantity(
+        "", "fraction of the intermediate voltage that is left after each transfer", at_least=0, below=1
+    )
 
     @classmethod
     def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:

@@ -31,7 +31,7 @@ class Battery(Rectifier):
     def __post_init__(self) -> None:
         for key in ("smoothing_capacitance", "load_resistance"):
             if getattr(self, key) is not None:
-                raise ParameterError(key, "found beside a battery, which is the whole dc side: take it away")
+                raise ParameterError(key, "found together with a battery, which is the whole dc side: remove it")
         super().__post_init__()
 
     @property

@@ -33,8 +33,10 @@ class BiasFlip(InductiveSwitch, StagedFlip):
     kind: ClassVar[str] = "bias_flip"
     source: ClassVar[str] = "Liang, Zhao & Yang, IEEE Trans. Power Electron. 34(1), 275-286, 2019"
 
-    steps: Steps = described("steps of one inversion", default=3)
-    bias_capacitance: float | None = quantity("F", "each bias capacitor; default: 1e5 C", default=None, above=0)
+    steps: Steps = described("number of steps of one inversion", default=3)
+    bias_capacitance: float | None = quantity(
+        "F", "capacitance of each bias capacitor; default: 1e5 C", default=None, above=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -47,7 +47,7 @@ class Doubler(Rectifier):
     def _check_smoothing_resistance(self) -> None:
         super()._check_smoothing_resistance()
         if np.any(np.real(self.diode_leakage)):
-            found = f"found {np.max(self.smoothing_resistance):g} ohm beside a diode_leakage"
+            found = f"found {np.max(self.smoothing_resistance):g} ohm together with a diode_leakage"
             raise ParameterError("smoothing_resistance", f"{found}, one of the two must be 0 in a doubler")
 
     def states(self, capacitance: float) -> tuple[State, ...]:

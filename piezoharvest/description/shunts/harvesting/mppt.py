@@ -33,17 +33,19 @@ class MPPT(Rectifier):
     source: ClassVar[str] = "Esram & Chapman, IEEE Trans. Energy Convers. 22(2), 439-449, 2007, section II-C"
     tracks: ClassVar[bool] = True
     unrecorded: ClassVar[str] = (
-        "which takes its voltage from the excitation of a study; a record takes a rectifier with dc_voltage"
+        "which takes its voltage from the excitation of a study; for a record use a rectifier with dc_voltage"
     )
 
-    fraction: float = quantity("", "dc voltage over that without a load", above=0, below=1)
-    sampling_duty: float = quantity("", "share of the time taken by sampling", default=0.0, at_least=0, below=1)
+    fraction: float = quantity("", "dc voltage as a fraction of the open-circuit one", above=0, below=1)
+    sampling_duty: float = quantity(
+        "", "fraction of the time that is used for sampling", default=0.0, at_least=0, below=1
+    )
 
     def _check_dc_side(self) -> None:
         keys = ("smoothing_capacitance", "load_resistance", "dc_voltage", "storage", "initial_dc_voltage")
         found = [key for key in keys if getattr(self, key) is not None]
         if found:
-            raise ParameterError(found[0], "found beside a tracker, which is the whole dc side: take it away")
+            raise ParameterError(found[0], "found together with a tracker, which is the whole dc side: remove it")
 
     @property
     def tuned_side(self) -> None:

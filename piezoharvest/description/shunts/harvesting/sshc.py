@@ -33,10 +33,12 @@ class SSHC(StagedFlip):
     kind: ClassVar[str] = "sshc"
     source: ClassVar[str] = "Du & Seshia, IEEE J. Solid-State Circuits 52(10), 2733-2742, 2017"
 
-    flip_capacitances: tuple[float, ...] = quantity("F", "switched capacitors in order, one to eight", above=0)
+    flip_capacitances: tuple[float, ...] = quantity(
+        "F", "capacitances of the switched capacitors, in order, one to eight", above=0
+    )
     switch_resistance: float = quantity("ohm", "resistance of the closed switches of a phase", above=0)
-    phase_time: float | None = quantity("s", "length of a phase; default: 10 R C", default=None, above=0)
-    on_time_error: float = quantity("", "relative error of the length of the phases", default=0.0, above=-1)
+    phase_time: float | None = quantity("s", "duration of a phase; default: 10 R C", default=None, above=0)
+    on_time_error: float = quantity("", "relative error of the duration of the phases", default=0.0, above=-1)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,13 +22,16 @@ class WoundShunt(LinearShunt):
 
     inductance: float = quantity("H", "inductance", above=0)
     winding_resistance: float | None = quantity(
-        "ohm", "resistance of the coil's winding; None: none", default=None, at_least=0
+        "ohm", "resistance of the winding; None: no loss", default=None, at_least=0
     )
     core_resistance: float | None = quantity(
-        "ohm", "resistance beside the inductance, the loss of the core; None: no loss", default=None, above=0
+        "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
     )
     self_resonance: float | None = quantity(
-        "Hz", "at which the winding's capacitance resonates with the inductance; None: none", default=None, above=0
+        "Hz",
+        "frequency at which the capacitance of the winding resonates with the inductance; None: no capacitance",
+        default=None,
+        above=0,
     )
 
     @property

@@ -28,7 +28,7 @@ class CurrentBlocking(LinearShunt):
     blocking_inductances: tuple[float, ...] = quantity("H", "inductance that blocks each mode", above=0)
     blocking_capacitances: tuple[float, ...] = quantity("F", "capacitance that blocks each mode", above=0)
     coil_quality: float | None = quantity(
-        "", "w L/R of the blocking coils at antiresonance; by default they have no losses", default=None, above=0
+        "", "quality w L/R of the blocking coils at antiresonance; default: no losses", default=None, above=0
     )
 
     def __post_init__(self) -> None:

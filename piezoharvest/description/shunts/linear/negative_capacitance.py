@@ -18,9 +18,9 @@ class NegativeCapacitance(LinearShunt):
     source: ClassVar[str] = "Forward, J. Spacecraft Rockets 16(1), 11-17, 1979; de Marneffe & Preumont, SMS 17, 2008"
 
     capacitance: float = quantity("F", "magnitude C_n of the negative capacitance", above=0)
-    resistance: float = quantity("ohm", "resistance", above=0)
+    resistance: float = quantity("ohm", "resistance of the branch", above=0)
     topology: Literal["parallel", "series"] = described(
-        "resistance beside the capacitance, or in one branch with it", default="parallel"
+        "whether the resistance is in parallel or in series with the capacitance", default="parallel"
     )
 
     def states(self, capacitance: float) -> tuple[State, ...]:

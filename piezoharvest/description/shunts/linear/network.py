@@ -149,7 +149,7 @@ class Network(Circuit):
     source: ClassVar[str] = "Bryant, Proc. IEE C 106(9), 174-188, 1959; Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967"
 
     netlist: str | Sequence[str | Mapping[str, Any] | Element] = described(
-        'elements, one a line as in "R1 1 2 100k", harvested in with "load=true" behind it; or a list of tables'
+        'elements, one per line as in "R1 1 2 100k", with "load=true" after the load; or a list of tables'
     )
 
     def __post_init__(self) -> None:

@@ -30,7 +30,7 @@ class ParallelRL(WoundShunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.self_resonance is not None and np.any(np.real(self.winding) == 0):
-            found = "found 0 with a self-resonance, whose capacitance would lie across the electrodes"
+            found = "found 0 with a self-resonance, whose capacitance would be across the electrodes"
             raise ParameterError("winding_resistance", f"{found}, must be a number greater than 0 ohm")
 
     def states(self, capacitance: float) -> tuple[State, ...]:

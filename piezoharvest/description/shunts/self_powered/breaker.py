@@ -93,10 +93,10 @@ class ElectronicBreaker(SwitchedCoil):
     bridge_marks: ClassVar[tuple[str, ...]] = ("",)
     path_diodes: ClassVar[int] = 1  # in the path of a breaker
 
-    envelope_capacitance: float = quantity("F", "capacitor that holds the extreme voltage", above=0)
-    threshold: float = quantity("V", "voltage below it at which the breaker closes", at_least=0)
+    envelope_capacitance: float = quantity("F", "capacitance of the envelope detector", above=0)
+    threshold: float = quantity("V", "voltage drop from the peak at which the breaker closes", at_least=0)
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
-    consumption: float = quantity("W", "what the control takes besides", default=0.0, at_least=0)
+    consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
 
     @property
     def least_voltage(self) -> Any:

@@ -20,7 +20,9 @@ class SelfPoweredSECE(ElectronicBreaker):
     source: ClassVar[str] = "Zhu, Chen & Liu, IEEE Trans. Ind. Electron. 59(6), 2449-2455, 2012"
     path_diodes: ClassVar[int] = 2
 
-    efficiency: float = quantity("", "share of it that reaches the load", default=1.0, at_least=0, at_most=1)
+    efficiency: float = quantity(
+        "", "fraction of the extracted energy that reaches the load", default=1.0, at_least=0, at_most=1
+    )
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         coil, *envelopes = self.breaker_states(capacitance)
