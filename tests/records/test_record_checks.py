@@ -24,7 +24,7 @@ from record_cases import (
     with_values,
 )
 
-from piezoharvest.description.shunts import Open, Short
+from piezoharvest.description.shunts import SSDI, Open, Short
 from piezoharvest.records.checks import check
 from piezoharvest.records.finding import runs
 from piezoharvest.study import build_transducer
@@ -331,6 +331,20 @@ class TestSpikes:
         values[-1] = 6.1
         all_found = found(with_values(of, current=values), device)
         assert all_found["spike", "current"].rows == rows(len(of) - 1, len(of) - 1)
+
+    @pytest.mark.parametrize(("height", "is_cut"), [(1.5, True), (0.9, False)])
+    def test_short_pulses_of_a_switched_circuit_that_a_converter_cuts_off(self, height, is_cut):
+        """One sample of each pulse, of unequal heights, of which half are above 10 V at 16 bits; and all below it."""
+        of, device = stack_sine()
+        rng, step = np.random.default_rng(3), 20.0 / 2**16
+        pulses = np.zeros(len(of))
+        pulses[20::40] = height * 10.0 * rng.uniform(0.5, 1.0, len(pulses[20::40]))
+        codes = np.clip(np.round((pulses + 2e-4 * rng.standard_normal(len(pulses))) / step), -(2**15), 2**15 - 1)
+        behind = replace(of, shunt=SSDI(inductance=0.1, quality=5.0))
+        switched = with_values(behind, voltage=codes * step)
+        assert {key: f.severity for key, f in found(switched, device).items() if key[1] == "voltage"} == (
+            {("clipped", "voltage"): "warning"} if is_cut else {}
+        )
 
     def test_a_pulse_that_others_follow_is_none(self):
         of, device = generator(STACK, resistor(1e3), hold(900.0), duration=6.0)

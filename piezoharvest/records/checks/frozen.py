@@ -19,6 +19,8 @@ _MIN_LIMIT_SAMPLES = 8  # samples at an end of the range
 _MIN_FREQUENCY_RATIO = 4.0  # times as many as any value next to it has
 _NEXT_VALUES = 3  # values
 _MAX_APPROACH = 6.0  # times the noise
+_CONVERTERS = range(8, 25)  # bits
+_OF_A_CODE = 0.01  # steps: rounding of decimal files, with the least difference as the step
 _REPEATED_STEPS = 1.5  # of the converter: equal values, rounded, differ by one step at most
 
 
@@ -39,23 +41,33 @@ def longer_than_noise(flat: np.ndarray, values: np.ndarray, level: Level) -> np.
     return unlikely | inner
 
 
-def runs_at_limits(values: np.ndarray, level: Level) -> np.ndarray:
-    """Runs of any length at an end of the range that only noise reaches.
+def runs_at_limits(values: np.ndarray, level: Level, *, held: bool) -> np.ndarray:
+    """Runs of any length at an end of the range that only noise reaches; values that a circuit has `held` are none.
 
     The density of noise falls towards its extremes: a largest value that is more frequent than those next to it is a
     limit. Equal pulses reach it from far away, noise does not. A repeated signal without noise reaches it along the
-    same values each time.
+    same values each time. Unequal pulses that all end at the last code of a converter are cut off by it.
     """
     found = [np.zeros((0, 2), int)]
     taken, times = np.unique(values, return_counts=True)
     for at, beside in ((-1, times[-1 - _NEXT_VALUES : -1]), (0, times[1 : 1 + _NEXT_VALUES])):
-        if level.noisy and times[at] >= max(_MIN_LIMIT_SAMPLES, _MIN_FREQUENCY_RATIO * beside.max(initial=1)):
-            pile = runs(values == taken[at])
+        if times[at] < max(_MIN_LIMIT_SAMPLES, _MIN_FREQUENCY_RATIO * beside.max(initial=1)):
+            continue
+        pile = runs(values == taken[at])
+        if _is_last_code(taken[at], level.step):
+            found.append(pile)
+        elif level.noisy and not held:
             beside_pile = values[np.clip(pile + np.array([-1, 1]), 0, len(values) - 1)]
             near = np.median(np.abs(beside_pile - taken[at])) < _MAX_APPROACH * level.noise
             if near and np.ptp(beside_pile, axis=0).max() > _REPEATED_STEPS * level.step:
                 found.append(pile)
     return np.concatenate(found)
+
+
+def _is_last_code(value: float, step: float) -> bool:
+    """True if a value is -2^(b-1) or 2^(b-1) - 1 steps, the ends of a converter of b bits in two's complement."""
+    codes = abs(value) / step
+    return any(min(abs(codes - 2 ** (b - 1)), abs(codes - 2 ** (b - 1) + 1)) < _OF_A_CODE for b in _CONVERTERS)
 
 
 def _noise_stops(values: np.ndarray, begin: int, end: int, level: Level) -> bool:

@@ -50,12 +50,12 @@ def standing_still(record: Record) -> Iterator[Finding]:
     flat = {channel: flat_runs(signal.values) for channel, signal in record.signals.items()}
     levels = {channel: level_of(record[channel], runs_of) for channel, runs_of in flat.items()}
     for channel, signal in record.signals.items():
-        if levels[channel].range == 0 or channel in _may_be_constant(record):
+        if levels[channel].range == 0:
             continue
-        judge = _drive_stuck if channel == record.drive else _response_stuck
+        held, values = channel in _may_be_constant(record), record[channel]
+        judge = _drive_stuck if channel == record.drive else _nothing if held else _response_stuck
         found, sure = judge(record, channel, flat[channel], levels)
-        values = record[channel]
-        thin = runs_at_limits(values, levels[channel])
+        thin = runs_at_limits(values, levels[channel], held=held)
         other = ~np.isin(values[found[:, 0]], values[thin[:, 0]])
         ranges, sure = np.concatenate((found[other], thin)), np.append(sure[other], np.zeros(len(thin), bool))
         yield from _findings(signal, channel, ranges, sure)
@@ -80,6 +80,11 @@ def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray
             rows = shifted(frozen, signal.first_row)
             message = f"{found}; likely a dead channel"
             yield Finding("error" if sure_of_it else "warning", "frozen", signal.file, channel, rows, message)
+
+
+def _nothing(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> _FaultyRuns:
+    """No run of a channel that may stand still."""
+    return flat[:0], np.zeros(0, bool)
 
 
 def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> _FaultyRuns:
