@@ -11,36 +11,38 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-KEPT, COMPARED, INPUTS, KILLED = (HERE / f"{name}.jsonl" for name in ("trials", "oracle", "inputs", "kills"))
+STUDIES, ORACLE, INPUTS, KILLS = (HERE / f"{name}.jsonl" for name in ("trials", "oracle", "inputs", "kills"))
 ALL = 50_000
 WRONG = ("impossible", "internal error", "slow", "not followed")
 
 
 def main() -> None:
-    """Run the studies that are not done yet, and write the page."""
+    """Run the trials that are not done yet, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m reports.reliability", description=__doc__)
-    parser.add_argument("--first", type=int, default=ALL, metavar="N", help="the first N studies")
+    parser.add_argument("--first", type=int, default=ALL, metavar="N", help="the first N trials")
     parser.add_argument("--begin", type=int, default=0, metavar="SEED", help="the seed of the first")
-    parser.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
-    parser.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
-    parser.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
     parser.add_argument("--workers", type=int, default=2)
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
+    which.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
+    which.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
     options = parser.parse_args()
     from reports.reliability.inputs import attempt_input
+    from reports.reliability.kills import attempt_kill
     from reports.reliability.oracle import compare, sample
     from reports.reliability.page import write
     from reports.reliability.trial import attempt
 
+    jobs = ((options.oracle, ORACLE, compare), (options.inputs, INPUTS, attempt_input),
+            (options.kills, KILLS, attempt_kill), (True, STUDIES, attempt))  # fmt: skip
+    path, trial = next((path, trial) for wanted, path, trial in jobs if wanted)
     seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
-    path, trial = (
-        (COMPARED, compare) if options.oracle else (INPUTS, attempt_input) if options.inputs else (KEPT, attempt)
-    )
     done = {row["seed"] for row in rows_of(path)}
-    wanted = [seed for seed in seeds if seed not in done]
-    for row in run(path, trial, wanted, options.workers) if wanted else ():
+    todo = [seed for seed in seeds if seed not in done]
+    for row in run(path, trial, todo, options.workers) if todo else ():
         if row["outcome"] in WRONG:
-            print(row["seed"], row["kind"], row["outcome"], row["what"])
-    write(rows_of(KEPT), rows_of(COMPARED), rows_of(INPUTS), rows_of(KILLED), HERE / "reliability.md")
+            print(row["seed"], row["kind"], row["outcome"], row["what"], flush=True)
+    write(*map(rows_of, (STUDIES, ORACLE, INPUTS, KILLS)), HERE / "reliability.md")
 
 
 if __name__ == "__main__":
