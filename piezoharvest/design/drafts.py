@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.design.places import lists_of, unit_at, value_at, with_values
+from piezoharvest.design.places import lists_of, split, unit_at, value_at, with_values
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -65,6 +65,12 @@ class Draft:
     def kind(self) -> str:
         """Kind of the shunt."""
         return self.shunt.kind
+
+    def branches(self) -> Iterator[tuple[str, Shunt]]:
+        """The circuit and its others at further electrodes, each with the prefix of its fields' names."""
+        yield "", self.shunt
+        for n, other in enumerate(self.shunt.others):
+            yield f"others.{n}.", other
 
     def first(self) -> dict[str, float]:
         """Present values of the free fields."""
@@ -114,7 +120,18 @@ class Drafting:
     @cached_property
     def frequency(self) -> float:
         """Frequency at which impedances are compared and periods are counted, Hz."""
-        return self.operation.centre(self.transducer)
+        return self.operation.centre(self.seen)
+
+    @cached_property
+    def beside(self) -> dict[str, Any]:
+        """Electrodes and others of kinds without a template: those of the first template."""
+        first = self.templates[0] if self.templates else Open()
+        return {"electrode": first.electrode, "others": first.others}
+
+    @cached_property
+    def seen(self) -> Transducer:
+        """The transducer as kinds without a template see it: their electrodes are its own."""
+        return self.transducer.swapped(self.beside["electrode"])
 
     def drafts(self) -> list[Draft]:
         """One draft for each kind, or for each template of it.
@@ -142,17 +159,25 @@ class Drafting:
         """True if a kind that was not named is suitable."""
         if isinstance(shunt, Open | Short):
             return False
-        if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
+        if not templated and any(state.storage < 0 for state in shunt.states(self.seen.capacitance)):
             return False  # active parts only where they are asked for
         if self.options.objective == "trade_off":
             return True
-        gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+        gives = any_harvests(shunt, self.transducer, 1 / self.frequency)
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
     def _from_template(self, shunt: Shunt) -> Draft:
         return Draft(shunt, self._free(shunt), late=self._late(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
+        """Fields to tune: of a circuit, and of its others where it is linear as they are."""
+        return (*self._own(shunt), *(self._of_others(shunt) if isinstance(shunt, LinearShunt) else ()))
+
+    def _of_others(self, shunt: Shunt) -> list[str]:
+        """Fields to tune of the others, under their names in the shunt."""
+        return [f"others.{n}.{name}" for n, other in enumerate(shunt.others) for name in self._own(other)]
+
+    def _own(self, shunt: Shunt) -> tuple[str, ...]:
         """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
         names: list[str] = []
         if isinstance(shunt, Bridge) and shunt.tuned_side:
@@ -160,15 +185,17 @@ class Drafting:
         if isinstance(shunt, SynchronisedShunt) and self._lag_is_free(shunt):
             names.append("phase_lag")
         if isinstance(shunt, LinearShunt):
-            active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
+            capacitance = self.transducer.all_electrodes[shunt.electrode].capacitance
+            active = [-state.storage for state in shunt.states(capacitance) if state.storage < 0]
             names += [name for name in _entries(shunt) if value_at(shunt, name) not in active]
         names += shunt.tuned
         held = self.options.hold
         return tuple(name for name in names if name.partition(".")[0] not in held)
 
     def _late(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune after these: what the study names besides, and the time lag but under a sine."""
+        """Fields to tune after these: what the study names besides, parts of others, the time lag but under a sine."""
         names = [name for name in self.options.tune or () if getattr(shunt, name, None) is not None]
+        names += [] if isinstance(shunt, LinearShunt) else self._of_others(shunt)
         if not self.operation.apart and isinstance(shunt, SynchronisedShunt) and self._lag_is_wanted(shunt):
             names.append("time_lag")
         return tuple(name for name in names if name not in self.options.hold)
@@ -181,14 +208,14 @@ class Drafting:
         """True if a switch's lag is to be tuned: by default where power counts."""
         objective = self.options.objective
         pays = objective == "harvest" or (
-            objective == "trade_off" and harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+            objective == "trade_off" and any_harvests(shunt, self.transducer, 1 / self.frequency)
         )
         wanted = self.options.phase_lag or ("free" if pays else "fixed")
         return wanted == "free"
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
-        modes = self.operation.modes(self.transducer)[:_MOST_BRANCHES]
+        modes = self.operation.modes(self.seen)[:_MOST_BRANCHES]
         branches = lists_of(cls) if issubclass(cls, LinearShunt) else ()
         if branches and len(modes) < 2:
             if wanted:
@@ -205,7 +232,7 @@ class Drafting:
             if wanted or self._may_fit(cls):
                 self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
             return []
-        shunt = cls(**values)
+        shunt = cls(**values, **self.beside)
         smoothing = self._smoothing if isinstance(shunt, Bridge) else None
         return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
@@ -222,12 +249,12 @@ class Drafting:
 
     def _typical(self, cls: type[Shunt]) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Typical values of a kind's fields, and remarks on them."""
-        capacitance, omega = self.transducer.capacitance, 2 * np.pi * self.frequency
+        capacitance, omega = self.seen.capacitance, 2 * np.pi * self.frequency
         if issubclass(cls, LinearShunt):
             scale = {"ohm": 1 / (omega * capacitance), "H": 1 / (omega**2 * capacitance), "F": capacitance}
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
-                values["capacitance"] = NEGATIVE_SHARE * self.transducer.stick_capacitance
+                values["capacitance"] = NEGATIVE_SHARE * self.seen.stick_capacitance
                 note = f"C_n = {values['capacitance']:.4g} F in parallel, half of what is unstable, without losses"
                 return values, (note,)
             return values, ()
@@ -281,8 +308,14 @@ class Drafting:
     def _switched_inductance(self, quality: float) -> float:
         """Inductance in H that inverts the voltage in a share of the period, or faster where the limit requires it."""
         flip = FLIP_SHARE / self.frequency
-        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.transducer.capacitance
+        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.seen.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
+
+
+def any_harvests(shunt: Shunt, transducer: Transducer, period: float | None) -> bool:
+    """True if a circuit, or one of its others, delivers power to a load."""
+    electrodes = transducer.all_electrodes
+    return any(harvests(each, electrodes[each.electrode].capacitance, period) for each in (shunt, *shunt.others))
 
 
 def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
@@ -317,8 +350,12 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
     """Drafts that differ in more than their initial values."""
     kept: dict[Any, Draft] = {}
     for draft in drafts:
-        lists = {name.partition(".")[0] for name in draft.free}
-        names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in lists]
-        fixed = tuple(getattr(draft.shunt, name) for name in names)
-        kept.setdefault((draft.kind, draft.free, fixed), draft)
+        free = {prefix + name.partition(".")[0] for prefix, name in map(split, draft.free)}
+        fixed = tuple(
+            (shunt.kind, field.name, getattr(shunt, field.name))
+            for prefix, shunt in draft.branches()
+            for field in dataclasses.fields(shunt)
+            if field.name != "others" and prefix + field.name not in free
+        )
+        kept.setdefault((draft.free, fixed), draft)
     return list(kept.values())

@@ -112,6 +112,9 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
         elif key == "netlist":
             texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
+        elif key == "others":
+            for other in shunt.others:
+                yield from ((f"{name} at electrode {other.electrode}", text) for name, text in values_of(other))
         elif key != "kind":
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 

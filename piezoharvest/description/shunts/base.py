@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
 
@@ -60,6 +60,14 @@ class Shunt(Component):
     def taken(self) -> tuple[int, ...]:
         """Numbers of the electrodes that have a shunt, this one's first."""
         return (self.electrode, *(other.electrode for other in self.others))
+
+    def swapped(self, number: int) -> Self:
+        """The same circuits where electrodes 0 and those of a number have changed places."""
+        if number == 0:
+            return self
+        places = {0: number, number: 0}
+        others = tuple(replace(o, electrode=places.get(o.electrode, o.electrode)) for o in self.others)
+        return replace(self, electrode=places.get(self.electrode, self.electrode), others=others)
 
     @classmethod
     def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
