@@ -30,6 +30,7 @@ from piezoharvest.design.tuning.minimax import Tuned, tune
 from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.settled import settled_starts
 from piezoharvest.design.tuning.starts import Host, Start
 from piezoharvest.progress import Step
 
@@ -112,7 +113,7 @@ class CandidateMaker:
         if isinstance(draft.shunt, LinearShunt):
             return self._linear(draft)
         found = bridge_starts(self.view, draft) if isinstance(draft.shunt, Bridge) else []
-        found = found or [Start("as given", draft.first())]
+        found = found or settled_starts(self.view, draft, self.host) or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
 
     def _tuned_late(self, draft: Draft, tuned: Tuned) -> Tuned:

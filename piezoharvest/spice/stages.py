@@ -177,7 +177,9 @@ def _write_first_stage(
     current = point.voltage / impedance
     deck.add("Vbridge b opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
-    deck.add("Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+1e-8)")
+    # Beside a core hardly anything keeps the current from changing at once, and its sign has to change less steeply.
+    rounding = 1e-8 if shunt.core_resistance is None else 1e-6
+    deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(rounding)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     lost = f"2*{resistance}*{number(current)}*V(through)"
     deck.add(f"Bin opposed 0 V=V(direction)*(V(between)+2*{drop}) + {lost}")

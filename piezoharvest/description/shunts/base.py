@@ -149,6 +149,10 @@ class Shunt(Component):
         """The circuit where the peak of the open electrodes' voltage is `open_voltage` (V)."""
         return self
 
+    def settled(self, capacitance: float, omega: float) -> LinearShunt | None:
+        """The linear circuit that it becomes under a sine of `omega` (rad/s); None if it does not adapt itself."""
+        return None
+
     def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
         """Figures that a response has of this circuit, by their names there, from its states at the end of a run."""
         return {}
