@@ -31,7 +31,11 @@ STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts than that take long to tune
 _TUNED_UNITS = ("ohm", "H", "F")
-DIODE = ("diode_drop", "diode_resistance", "diode_leakage")  # parts that all candidates share
+# Parts that all candidates share, as a study's first table that has them says: of a bridge, of a switched coil, and
+# what beside them only counts where a table gives it.
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage")
+COIL = ("switch_resistance", "core_resistance")
+BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -232,7 +236,11 @@ class Drafting:
             if wanted or self._may_fit(cls):
                 self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
             return []
-        shunt = cls(**values, **self.beside)
+        try:
+            shunt = cls(**values, **self.beside)
+        except ParameterError as error:  # parts that the study's tables give do not go together in this kind
+            self.left_out.append(f"{cls.kind}: {error}")
+            return []
         smoothing = self._smoothing if isinstance(shunt, Bridge) else None
         return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
@@ -271,10 +279,12 @@ class Drafting:
             notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
         if issubclass(cls, SwitchedCoil):
             values["quality"], origin = self._device("quality", QUALITY)
-            values["inductance"] = self._switched_inductance(values["quality"])
+            otherwise = self._switched_inductance(values["quality"])
+            values["inductance"], same = self._device("inductance", otherwise, SwitchedCoil)
             inversion = np.exp(-np.pi / (2 * values["quality"]))
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
-                         f"voltage) and {values['inductance']:.3g} H")  # fmt: skip
+                         f"voltage) and {values['inductance']:.3g} H{same}")  # fmt: skip
+        values |= self._further_parts(cls, notes)
         own, note = cls.assumed(capacitance, self.frequency)
         values |= own
         notes += [note] if note else []
@@ -283,12 +293,23 @@ class Drafting:
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
-    def _device(self, name: str, otherwise: float) -> tuple[float, str]:
-        """A device's property as in the first template that gives it, and a remark which this is.
+    def _further_parts(self, cls: type[Shunt], notes: list[str]) -> dict[str, float]:
+        """Further parts that the study's tables give; what each is is added to the remarks."""
+        names = (*(COIL if issubclass(cls, SwitchedCoil) else ()), *BESIDE)
+        found = {}
+        for name in (n for n in names if n in cls.__dataclass_fields__):
+            value, origin = self._device(name, 0.0, SwitchedCoil if name in COIL else Shunt)
+            if value:
+                found[name] = value
+                notes.append(f"{name} = {value:g} {unit_at(cls, name)}{origin}")
+        return found
+
+    def _device(self, name: str, otherwise: float, of: type[Shunt] = Shunt) -> tuple[float, str]:
+        """A device's property as in the first template of a class that gives it, and a remark which this is.
 
         So that all candidates are compared with the same devices. Templates themselves stay as they are.
         """
-        for shunt in self.templates:
+        for shunt in (shunt for shunt in self.templates if isinstance(shunt, of)):
             value = getattr(shunt, name, None)
             if value:  # a diode without drop is one that the study does not speak of
                 return float(value), f" as in the study's {shunt.kind}"
@@ -297,8 +318,9 @@ class Drafting:
     def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
         """Remarks on device properties that are not the same in all drafts."""
         found = []
-        for name in (*DIODE, "quality"):
-            have = [d for d in drafts if getattr(d.shunt, name, None) is not None]
+        for name in (*DIODE, "quality", *COIL, *BESIDE):
+            have = [d for d in drafts if not isinstance(d.shunt, LinearShunt)]
+            have = [d for d in have if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
                 each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
