@@ -251,7 +251,7 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
             lines += [_element(part, ideal) for part in value]
             continue
         if key == "others":
-            lines += [line for n, other in enumerate(value) for line in _keys_of_other(n, other, ideal)]
+            lines += _keys_of_others(value, ideal)
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
@@ -267,11 +267,14 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
     return "\n".join(lines)
 
 
-def _keys_of_other(n: int, other: Mapping[str, Any], ideal: Mapping[str, float]) -> list[str]:
-    """Keys of one of a shunt's others, under their names in the shunt."""
-    prefix = f"others.{n}."
-    own = {key.removeprefix(prefix): value for key, value in ideal.items() if key.startswith(prefix)}
-    return [prefix + line for line in (f"kind = {other['kind']}", *_keys(other, own).splitlines())]
+def _keys_of_others(others: Sequence[Mapping[str, Any]], ideal: Mapping[str, float]) -> list[str]:
+    """Keys of a shunt's others, under their names in the shunt."""
+    lines = []
+    for n, other in enumerate(others):
+        prefix = f"others.{n}."
+        own = {key.removeprefix(prefix): value for key, value in ideal.items() if key.startswith(prefix)}
+        lines += [prefix + line for line in (f"kind = {other['kind']}", *_keys(other, own).splitlines())]
+    return lines
 
 
 def _element(part: Mapping[str, Any], ideal: Mapping[str, float]) -> str:

@@ -162,7 +162,9 @@ class _Design:
 
     def _made(self, number: int, view: LinearView, synthesis: Synthesis | None) -> _Place:
         """Place of candidates in the operation of the study."""
-        trial = Trial(view, left=self.left)
+        trial = Trial(view)
+        if self.places:  # what they have simulated is theirs together
+            trial.left = self.left
         if trial.unresolved and not self.places:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
         place = _Place(number, view, trial, self._maker(trial, synthesis))

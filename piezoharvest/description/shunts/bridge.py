@@ -82,9 +82,9 @@ class Bridge(Shunt):
         if self.smoothing_capacitance is None:
             why = "but belongs to a smoothing_capacitance"
         elif self.storage is not None:
-            most = self.storage.most_resistance
-            if np.any(np.real(self.smoothing_resistance) >= np.real(most)):
-                why = f"must be less than {np.min(np.real(most)):.4g} ohm, with which the supply stays on"
+            most: Any = np.real(self.storage.most_resistance)
+            if np.any(np.real(self.smoothing_resistance) >= most):
+                why = f"must be less than {np.min(most):.4g} ohm, with which the supply stays on"
         if why:
             raise ParameterError("smoothing_resistance", f"found {np.max(self.smoothing_resistance):g} ohm, {why}")
 

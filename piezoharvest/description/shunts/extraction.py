@@ -57,7 +57,8 @@ class Extraction(Shunt):
 
     def coil_losses(self, configuration: str, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power in the coil's resistance, in its core and in the diodes."""
-        current, losses = self.coil_current(configuration, port, z), []
+        current = self.coil_current(configuration, port, z)
+        losses: list[Product] = []
         if self.core_resistance is not None:
             losses.append(Product(self.core_resistance, current - z.coil, current - z.coil))
         sign = sign_of(configuration)
