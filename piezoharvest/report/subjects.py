@@ -114,7 +114,8 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
         elif key == "others":
             for other in shunt.others:
-                yield from ((f"{name} at electrode {other.electrode}", text) for name, text in values_of(other))
+                at = f" at electrode {other.electrode}"
+                yield from ((name + at, text) for name, text in values_of(other) if name != symbol("electrode"))
         elif key != "kind":
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 
