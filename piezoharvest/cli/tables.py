@@ -251,7 +251,7 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
             lines += [_element(part, ideal) for part in value]
             continue
         if key == "others":
-            lines += _keys_of_others(value, ideal)
+            lines += _keys_of_others(shunt[key], ideal)
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
