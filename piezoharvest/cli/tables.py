@@ -250,6 +250,9 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
         if key == "netlist" and not isinstance(value, str):
             lines += [_element(part, ideal) for part in value]
             continue
+        if key == "others":
+            lines += _keys_of_others(shunt[key], ideal)
+            continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
         unit = fields[key].metadata.get("unit") if key in fields else None
@@ -262,6 +265,16 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
     return "\n".join(lines)
+
+
+def _keys_of_others(others: Sequence[Mapping[str, Any]], ideal: Mapping[str, float]) -> list[str]:
+    """Keys of a shunt's others, under their names in the shunt."""
+    lines = []
+    for n, other in enumerate(others):
+        prefix = f"others.{n}."
+        own = {key.removeprefix(prefix): value for key, value in ideal.items() if key.startswith(prefix)}
+        lines += [prefix + line for line in (f"kind = {other['kind']}", *_keys(other, own).splitlines())]
+    return lines
 
 
 def _element(part: Mapping[str, Any], ideal: Mapping[str, float]) -> str:

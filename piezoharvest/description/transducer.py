@@ -130,6 +130,28 @@ class Transducer(Component):
         own = Pair(self.capacitance, tuple(mode.coupling for mode in self.all_modes))
         return (own, *(Pair(electrode.capacitance, electrode.couplings) for electrode in self.electrodes))
 
+    def swapped(self, number: int) -> Transducer:
+        """The same structure, its own electrodes and those of a number having changed places.
+
+        Raises
+        ------
+        ParameterError
+            There is hysteresis, or an effect, which are those of the transducer's own electrodes.
+        """
+        if number == 0:
+            return self
+        if self.hysteresis or self.effects:
+            what = "hysteresis" if self.hysteresis else f"effects.{self.effects[0].name}"
+            raise ParameterError(what, f"found beside electrodes {number}, but it is that of electrodes 0")
+        own, other = self.all_electrodes[0], self.all_electrodes[number]
+        modes = (dataclasses.replace(m, coupling=t) for m, t in zip(self.modes, other.couplings[1:], strict=True))
+        electrodes = list(self.electrodes)
+        electrodes[number - 1] = Electrode(capacitance=own.capacitance, coupling=own.couplings)
+        return dataclasses.replace(
+            self, capacitance=other.capacitance, coupling=other.couplings[0], modes=tuple(modes),
+            electrodes=tuple(electrodes),
+        )  # fmt: skip
+
     @classmethod
     def from_modal(cls, **figures: Any) -> Transducer:
         """Transducer from a modal test.

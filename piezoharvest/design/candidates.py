@@ -11,7 +11,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.design.added_damping import added_damping
-from piezoharvest.design.drafts import Draft, harvests
+from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
@@ -24,12 +24,14 @@ from piezoharvest.design.synthesis.synthesis import Synthesis
 from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
+from piezoharvest.design.tuning.joint import joint_starts
 from piezoharvest.design.tuning.late import tune_late, tune_time_lag
 from piezoharvest.design.tuning.minimax import Tuned, tune
 from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
-from piezoharvest.design.tuning.starts import Host, Start, starts
+from piezoharvest.design.tuning.settled import settled_starts
+from piezoharvest.design.tuning.starts import Host, Start
 from piezoharvest.progress import Step
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
@@ -111,7 +113,7 @@ class CandidateMaker:
         if isinstance(draft.shunt, LinearShunt):
             return self._linear(draft)
         found = bridge_starts(self.view, draft) if isinstance(draft.shunt, Bridge) else []
-        found = found or [Start("as given", draft.first())]
+        found = found or settled_starts(self.view, draft, self.host) or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
 
     def _tuned_late(self, draft: Draft, tuned: Tuned) -> Tuned:
@@ -160,14 +162,14 @@ class CandidateMaker:
 
     def _trial_of(self, draft: Draft) -> Trial:
         """The trial in which a draft is tuned: for damping where power counts and it harvests none."""
-        if self.goal.damping or harvests(draft.shunt, self.capacitance, 2 * np.pi / self.host.omega):
+        if self.goal.damping or any_harvests(draft.shunt, self.view.transducer, 2 * np.pi / self.host.omega):
             return self.trial
         return Trial(replace(self.view, goal=Goal(replace(self.options, objective="damping"))), left=self.trial.left)
 
     def _linear(self, draft: Draft) -> Tuned:
         """Tune on the two-port, and on by simulation from there if that disagrees."""
         view, region = self._view(draft), self._region(draft)
-        found = starts(draft, self.host)
+        found = joint_starts(view, draft, self.host)
         if lists_of(type(draft.shunt)):  # a branch for each mode: with so many parts one tuning takes seconds
             found = [min(found, key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))))]
         best = _best(tune(view, draft, start, region) for start in found)

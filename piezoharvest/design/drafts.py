@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.design.places import lists_of, unit_at, value_at, with_values
+from piezoharvest.design.places import lists_of, split, unit_at, value_at, with_values
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -31,7 +31,11 @@ STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts than that take long to tune
 _TUNED_UNITS = ("ohm", "H", "F")
-DIODE = ("diode_drop", "diode_resistance", "diode_leakage")  # parts that all candidates share
+# Parts that all candidates share, as a study's first table that has them says: of a bridge, of a switched coil, and
+# what beside them only counts where a table gives it.
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage")
+COIL = ("switch_resistance", "core_resistance")
+BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -65,6 +69,12 @@ class Draft:
     def kind(self) -> str:
         """Kind of the shunt."""
         return self.shunt.kind
+
+    def branches(self) -> Iterator[tuple[str, Shunt]]:
+        """The circuit and its others at further electrodes, each with the prefix of its fields' names."""
+        yield "", self.shunt
+        for n, other in enumerate(self.shunt.others):
+            yield f"others.{n}.", other
 
     def first(self) -> dict[str, float]:
         """Present values of the free fields."""
@@ -114,7 +124,18 @@ class Drafting:
     @cached_property
     def frequency(self) -> float:
         """Frequency at which impedances are compared and periods are counted, Hz."""
-        return self.operation.centre(self.transducer)
+        return self.operation.centre(self.seen)
+
+    @cached_property
+    def beside(self) -> dict[str, Any]:
+        """Electrodes and others of kinds without a template: those of the first template."""
+        first = self.templates[0] if self.templates else Open()
+        return {"electrode": first.electrode, "others": first.others}
+
+    @cached_property
+    def seen(self) -> Transducer:
+        """The transducer as kinds without a template see it: their electrodes are its own."""
+        return self.transducer.swapped(self.beside["electrode"])
 
     def drafts(self) -> list[Draft]:
         """One draft for each kind, or for each template of it.
@@ -142,17 +163,25 @@ class Drafting:
         """True if a kind that was not named is suitable."""
         if isinstance(shunt, Open | Short):
             return False
-        if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
+        if not templated and any(state.storage < 0 for state in shunt.states(self.seen.capacitance)):
             return False  # active parts only where they are asked for
         if self.options.objective == "trade_off":
             return True
-        gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+        gives = any_harvests(shunt, self.transducer, 1 / self.frequency)
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
     def _from_template(self, shunt: Shunt) -> Draft:
         return Draft(shunt, self._free(shunt), late=self._late(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
+        """Fields to tune: of a circuit, and of its others where it is linear as they are."""
+        return (*self._own(shunt), *(self._of_others(shunt) if isinstance(shunt, LinearShunt) else ()))
+
+    def _of_others(self, shunt: Shunt) -> list[str]:
+        """Fields to tune of the others, under their names in the shunt."""
+        return [f"others.{n}.{name}" for n, other in enumerate(shunt.others) for name in self._own(other)]
+
+    def _own(self, shunt: Shunt) -> tuple[str, ...]:
         """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
         names: list[str] = []
         if isinstance(shunt, Bridge) and shunt.tuned_side:
@@ -160,15 +189,17 @@ class Drafting:
         if isinstance(shunt, SynchronisedShunt) and self._lag_is_free(shunt):
             names.append("phase_lag")
         if isinstance(shunt, LinearShunt):
-            active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
+            capacitance = self.transducer.all_electrodes[shunt.electrode].capacitance
+            active = [-state.storage for state in shunt.states(capacitance) if state.storage < 0]
             names += [name for name in _entries(shunt) if value_at(shunt, name) not in active]
         names += shunt.tuned
         held = self.options.hold
         return tuple(name for name in names if name.partition(".")[0] not in held)
 
     def _late(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune after these: what the study names besides, and the time lag but under a sine."""
+        """Fields to tune after these: what the study names besides, parts of others, the time lag but under a sine."""
         names = [name for name in self.options.tune or () if getattr(shunt, name, None) is not None]
+        names += [] if isinstance(shunt, LinearShunt) else self._of_others(shunt)
         if not self.operation.apart and isinstance(shunt, SynchronisedShunt) and self._lag_is_wanted(shunt):
             names.append("time_lag")
         return tuple(name for name in names if name not in self.options.hold)
@@ -181,14 +212,14 @@ class Drafting:
         """True if a switch's lag is to be tuned: by default where power counts."""
         objective = self.options.objective
         pays = objective == "harvest" or (
-            objective == "trade_off" and harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+            objective == "trade_off" and any_harvests(shunt, self.transducer, 1 / self.frequency)
         )
         wanted = self.options.phase_lag or ("free" if pays else "fixed")
         return wanted == "free"
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
-        modes = self.operation.modes(self.transducer)[:_MOST_BRANCHES]
+        modes = self.operation.modes(self.seen)[:_MOST_BRANCHES]
         branches = lists_of(cls) if issubclass(cls, LinearShunt) else ()
         if branches and len(modes) < 2:
             if wanted:
@@ -205,7 +236,11 @@ class Drafting:
             if wanted or self._may_fit(cls):
                 self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
             return []
-        shunt = cls(**values)
+        try:
+            shunt = cls(**values, **self.beside)
+        except ParameterError as error:  # parts that the study's tables give do not go together in this kind
+            self.left_out.append(f"{cls.kind}: {error}")
+            return []
         smoothing = self._smoothing if isinstance(shunt, Bridge) else None
         return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
@@ -222,12 +257,12 @@ class Drafting:
 
     def _typical(self, cls: type[Shunt]) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Typical values of a kind's fields, and remarks on them."""
-        capacitance, omega = self.transducer.capacitance, 2 * np.pi * self.frequency
+        capacitance, omega = self.seen.capacitance, 2 * np.pi * self.frequency
         if issubclass(cls, LinearShunt):
             scale = {"ohm": 1 / (omega * capacitance), "H": 1 / (omega**2 * capacitance), "F": capacitance}
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
-                values["capacitance"] = NEGATIVE_SHARE * self.transducer.stick_capacitance
+                values["capacitance"] = NEGATIVE_SHARE * self.seen.stick_capacitance
                 note = f"C_n = {values['capacitance']:.4g} F in parallel, half of what is unstable, without losses"
                 return values, (note,)
             return values, ()
@@ -244,10 +279,12 @@ class Drafting:
             notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
         if issubclass(cls, SwitchedCoil):
             values["quality"], origin = self._device("quality", QUALITY)
-            values["inductance"] = self._switched_inductance(values["quality"])
+            otherwise = self._switched_inductance(values["quality"])
+            values["inductance"], same = self._device("inductance", otherwise, SwitchedCoil)
             inversion = np.exp(-np.pi / (2 * values["quality"]))
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
-                         f"voltage) and {values['inductance']:.3g} H")  # fmt: skip
+                         f"voltage) and {values['inductance']:.3g} H{same}")  # fmt: skip
+        values |= self._further_parts(cls, notes)
         own, note = cls.assumed(capacitance, self.frequency)
         values |= own
         notes += [note] if note else []
@@ -256,12 +293,23 @@ class Drafting:
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
-    def _device(self, name: str, otherwise: float) -> tuple[float, str]:
-        """A device's property as in the first template that gives it, and a remark which this is.
+    def _further_parts(self, cls: type[Shunt], notes: list[str]) -> dict[str, float]:
+        """Further parts that the study's tables give; what each is is added to the remarks."""
+        names = (*(COIL if issubclass(cls, SwitchedCoil) else ()), *BESIDE)
+        found = {}
+        for name in (n for n in names if n in cls.__dataclass_fields__):
+            value, origin = self._device(name, 0.0, SwitchedCoil if name in COIL else Shunt)
+            if value:
+                found[name] = value
+                notes.append(f"{name} = {value:g} {unit_at(cls, name)}{origin}")
+        return found
+
+    def _device(self, name: str, otherwise: float, of: type[Shunt] = Shunt) -> tuple[float, str]:
+        """A device's property as in the first template of a class that gives it, and a remark which this is.
 
         So that all candidates are compared with the same devices. Templates themselves stay as they are.
         """
-        for shunt in self.templates:
+        for shunt in (shunt for shunt in self.templates if isinstance(shunt, of)):
             value = getattr(shunt, name, None)
             if value:  # a diode without drop is one that the study does not speak of
                 return float(value), f" as in the study's {shunt.kind}"
@@ -270,8 +318,9 @@ class Drafting:
     def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
         """Remarks on device properties that are not the same in all drafts."""
         found = []
-        for name in (*DIODE, "quality"):
-            have = [d for d in drafts if getattr(d.shunt, name, None) is not None]
+        for name in (*DIODE, "quality", *COIL, *BESIDE):
+            have = [d for d in drafts if not isinstance(d.shunt, LinearShunt)]
+            have = [d for d in have if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
                 each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
@@ -281,8 +330,14 @@ class Drafting:
     def _switched_inductance(self, quality: float) -> float:
         """Inductance in H that inverts the voltage in a share of the period, or faster where the limit requires it."""
         flip = FLIP_SHARE / self.frequency
-        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.transducer.capacitance
+        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.seen.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
+
+
+def any_harvests(shunt: Shunt, transducer: Transducer, period: float | None) -> bool:
+    """True if a circuit, or one of its others, delivers power to a load."""
+    electrodes = transducer.all_electrodes
+    return any(harvests(each, electrodes[each.electrode].capacitance, period) for each in (shunt, *shunt.others))
 
 
 def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
@@ -317,8 +372,12 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
     """Drafts that differ in more than their initial values."""
     kept: dict[Any, Draft] = {}
     for draft in drafts:
-        lists = {name.partition(".")[0] for name in draft.free}
-        names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in lists]
-        fixed = tuple(getattr(draft.shunt, name) for name in names)
-        kept.setdefault((draft.kind, draft.free, fixed), draft)
+        free = {prefix + name.partition(".")[0] for prefix, name in map(split, draft.free)}
+        fixed = tuple(
+            (shunt.kind, field.name, getattr(shunt, field.name))
+            for prefix, shunt in draft.branches()
+            for field in dataclasses.fields(shunt)
+            if field.name != "others" and prefix + field.name not in free
+        )
+        kept.setdefault((draft.free, fixed), draft)
     return list(kept.values())

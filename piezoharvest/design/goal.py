@@ -140,8 +140,8 @@ class Goal:
 
 
 def largest_inductance(shunt: Shunt, capacitance: float) -> float:
-    """Largest inductance of a circuit in H: the storage of its current states; 0 without any."""
-    states = shunt.states(capacitance)
+    """Largest inductance of a circuit and its others in H: the storage of their current states; 0 without any."""
+    states = [state for each in (shunt, *shunt.others) for state in each.states(capacitance)]
     return max((float(s.storage) for s in states if s.name.startswith("current")), default=0.0)
 
 

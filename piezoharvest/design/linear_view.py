@@ -51,6 +51,8 @@ class LinearView:
         Charge amplitude in C for the describing function of the hysteresis.
     reference : float or None
         Displacement in m that attenuation is counted from; default this transducer's with shorted electrodes.
+    taken : tuple of int
+        Numbers of the electrodes that have a shunt, 0 first; they are shorted for that.
     """
 
     transducer: Transducer
@@ -58,6 +60,12 @@ class LinearView:
     goal: Goal
     amplitude: float | None = None
     reference: float | None = None
+    taken: tuple[int, ...] = (0,)
+
+    @property
+    def short(self) -> Short:
+        """Shorts of all electrodes that have a shunt."""
+        return Short(others=tuple(Short(electrode=number) for number in self.taken[1:]))
 
     @property
     def capacitance(self) -> float:
@@ -131,7 +139,8 @@ class LinearView:
         """Displacement in m with shorted electrodes; infinite where it is unbounded."""
         try:
             with np.errstate(all="ignore"):
-                found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))
+                grid = self.peaks(self.short, lambda r: r.displacement)
+                found = float(np.max(self.levels(self.short, grid).displacement))
         except np.linalg.LinAlgError:
             return float("inf")
         return found if np.isfinite(found) else float("inf")

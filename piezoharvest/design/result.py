@@ -262,6 +262,8 @@ def _plain(value: Any) -> Any:
         return {**vars(value), "nodes": list(value.nodes)}
     if isinstance(value, tuple | list):
         return [_plain(inner) for inner in value]
+    if isinstance(value, Shunt):
+        return shunt_table(value)
     if isinstance(value, Component):
         return {key: _plain(inner) for key, inner in vars(value).items() if inner is not None}
     return value.item() if hasattr(value, "item") else value

@@ -9,9 +9,10 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts import LinearShunt
-from piezoharvest.design.bound import bound_in_band, bound_of
+from piezoharvest.design.bound import bound_in_band, bound_of, bound_of_several
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
 from piezoharvest.design.drafts import Draft, Drafting
+from piezoharvest.design.electrodes import about_places, check_places, front_back, moved, moved_back
 from piezoharvest.design.front import Front, FrontTracer
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
@@ -19,7 +20,7 @@ from piezoharvest.design.operation import is_sine, operation_of
 from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.robust.robustness import Robustness
 from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
-from piezoharvest.design.trial import Trial
+from piezoharvest.design.trial import DESIGN_WORK, Trial
 from piezoharvest.design.tuning.frequency import SEARCH_WORK, FrequencySearch
 from piezoharvest.design.tuning.starts import Host
 from piezoharvest.progress import Step
@@ -75,66 +76,131 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
 
 
 @dataclass
+class _Place:
+    """The structure as shunts at some electrodes see it, with what tunes them there.
+
+    Attributes
+    ----------
+    number : int
+        Electrodes that have changed places with electrodes 0.
+    view : LinearView
+    trial : Trial
+    maker : CandidateMaker or None
+        None where each candidate has a frequency of its own.
+    search : FrequencySearch or None
+        Of that frequency.
+    """
+
+    number: int
+    view: LinearView
+    trial: Trial
+    maker: CandidateMaker | None = None
+    search: FrequencySearch | None = None
+
+
+@dataclass
 class _Design:
     study: Study
     options: DesignOptions
     progress: Progress
     notes: list[str] = field(default_factory=list)
+    places: dict[tuple[int, ...], _Place] = field(default_factory=dict)
+    left: int = DESIGN_WORK
 
     def run(self) -> DesignResult:
         study, options = self.study, self.options
-        for n, shunt in enumerate(study.shunts):
-            if shunt.taken != (0,):
-                found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
-                allowed = "but a design has one at electrode 0 only, the transducer's own, with all others open"
-                raise ParameterError(f"shunts.{n}", f"{found}, {allowed}")
+        check_places(study.transducer, study.shunts, options)
         if options.band is not None and not is_sine(study.excitation):
             self.notes.append(f"design.band is not used: {study.excitation.kind} has a spectrum of its own")
         unused = [name for name in ("order", "coil_quality") if getattr(options, name) is not None]
         if unused and SYNTHESISED not in (options.candidates or ()):
             self.notes.append(f"design.{unused[0]} is not used: no candidate is {SYNTHESISED!r}")
         self.notes += _about_parts(options)
-        operation = operation_of(study.excitation, options.band, study.transducer)
+        self.operation = operation_of(study.excitation, options.band, study.transducer)
         if study.free_frequency:  # from here on the band is where it is sought, and not what counts
             self.options = options = replace(options, band=None)
-        self.view = LinearView(study.transducer, operation, Goal(options)).working()
-        self.goal, self.trial = self.view.goal, Trial(self.view)
-        drafting = Drafting(study.transducer, study.shunts, options, operation)
+        self.goal = Goal(options)
+        drafting = Drafting(study.transducer, study.shunts, options, self.operation)
         drafts = drafting.drafts()
+        self.notes += about_places(study.transducer, drafts, options)
+        drafts += self._synthesised(drafting)
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         self.notes += drafting.unlike
-        candidates = self._at_free_frequency(drafts) if study.free_frequency else self._at_operation(drafts)
-        return self._result(tuple(sorted(candidates, key=self._rank)))
+        for draft in drafts:
+            self._place(draft.shunt.taken)
+        candidate = self._at_free_frequency if study.free_frequency else self._at_operation
+        return self._result(tuple(sorted(self._candidates(drafts, candidate), key=self._rank)))
 
-    def _at_operation(self, drafts: list[Draft]) -> list[Candidate]:
-        """Candidates in the operation of the study."""
-        self.host, synthesis = Host.of(self.view), self._synthesis(self.view)
-        if self.trial.unresolved:
+    def _synthesised(self, drafting: Drafting) -> list[Draft]:
+        """Draft of a synthesised network, where it is asked for, with the place that has its synthesis."""
+        if SYNTHESISED not in (self.options.candidates or ()):
+            return []
+        number = drafting.beside["electrode"]
+        if drafting.beside["others"]:
+            drafting.left_out.append(f"{SYNTHESISED}, as the study's first shunt has others beside it")
+            return []
+        self.progress(Step(f"{SYNTHESISED}: growing a network"))
+        view = self._view((number,))
+        synthesis = Synthesis(view, Host.of(view))
+        self._place((number,), synthesis)
+        return [replace(synthesis.draft, shunt=synthesis.draft.shunt.swapped(number))]
+
+    def _view(self, taken: tuple[int, ...]) -> LinearView:
+        """The structure as shunts at these electrodes see it: the first ones are electrodes 0."""
+        renumbered = {0: taken[0], taken[0]: 0}
+        places = tuple(renumbered.get(number, number) for number in taken)
+        transducer = self.study.transducer.swapped(taken[0])
+        return LinearView(transducer, self.operation, self.goal, taken=places).working()
+
+    def _place(self, taken: tuple[int, ...], synthesis: Synthesis | None = None) -> _Place:
+        """What tunes shunts at these electrodes, kept."""
+        if taken not in self.places:
+            view = synthesis.view if synthesis else self._view(taken)
+            self.places[taken] = (self._sought if self.study.free_frequency else self._made)(taken[0], view, synthesis)
+        return self.places[taken]
+
+    def _made(self, number: int, view: LinearView, synthesis: Synthesis | None) -> _Place:
+        """Place of candidates in the operation of the study."""
+        trial = Trial(view)
+        if self.places:  # what they have simulated is theirs together
+            trial.left = self.left
+        if trial.unresolved and not self.places:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
-        self.maker = self._maker(self.trial, synthesis)
-        drafts = drafts + ([synthesis.draft] if synthesis else [])
-        return self._candidates(drafts, self.maker.candidate)
+        place = _Place(number, view, trial, self._maker(trial, synthesis))
+        self.left = trial.left
+        return place
 
-    def _at_free_frequency(self, drafts: list[Draft]) -> list[Candidate]:
-        """Candidates each at the frequency of the band that is best for it."""
+    def _sought(self, number: int, view: LinearView, _: Synthesis | None) -> _Place:
+        """Place of candidates each at the frequency of the band that is best for it."""
         assert self.study.design is not None and self.study.design.band is not None
-        transducer, whole = self.study.transducer, self.view.operation
-        middle = operation_of(whole.at(whole.centre(transducer)), None, transducer)
-        self.view = replace(self.view, operation=middle)
-        self.search = FrequencySearch(Trial(self.view), self.study.design.band)
+        whole = view.operation
+        middle = operation_of(whole.at(whole.centre(view.transducer)), None, view.transducer)
+        trial = Trial(replace(view, operation=middle))
+        return _Place(number, trial.view, trial, search=FrequencySearch(trial, self.study.design.band))
 
-        def candidate(draft: Draft) -> Candidate:
-            self.progress(Step(f"{draft.kind}: seeking the best frequency"))
-            self.search.trial.left = SEARCH_WORK
-            frequency = self.search.best(draft)
-            self.progress(Step(f"{draft.kind}: {frequency:.6g} Hz"))
-            trial = Trial(self.search.view_at(frequency), left=self.trial.left)
-            found = self._maker(trial).candidate(draft)
-            self.trial.left = trial.left
-            return replace(found, frequency=frequency)
+    def _at_operation(self, draft: Draft) -> Candidate:
+        """Candidate of a draft in the operation of the study."""
+        place = self._place(draft.shunt.taken)
+        assert place.maker is not None
+        place.trial.left = self.left
+        try:
+            return moved_back(place.maker.candidate(moved(draft)), place.number)
+        finally:
+            self.left = place.trial.left
 
-        return self._candidates(drafts, candidate)
+    def _at_free_frequency(self, draft: Draft) -> Candidate:
+        """Candidate of a draft at the frequency of the band that is best for it."""
+        place, draft = self._place(draft.shunt.taken), moved(draft)
+        assert place.search is not None
+        self.progress(Step(f"{draft.kind}: seeking the best frequency"))
+        place.search.trial.left = SEARCH_WORK
+        frequency = place.search.best(draft)
+        self.progress(Step(f"{draft.kind}: {frequency:.6g} Hz"))
+        trial = Trial(place.search.view_at(frequency), left=self.left)
+        found = self._maker(trial).candidate(draft)
+        self.left = trial.left
+        return replace(moved_back(found, place.number), frequency=frequency)
 
     def _maker(self, trial: Trial, synthesis: Synthesis | None = None) -> CandidateMaker:
         """Maker of candidates in the operation of a trial."""
@@ -158,42 +224,51 @@ class _Design:
 
     def _fronts(self) -> tuple[Front, ...]:
         """Fronts between power and damping, with parts as tuned, not as bought."""
-        tracer = FrontTracer(self.view, self.host, self.maker.is_exact)
         found = []
-        for draft, best in self.maker.tuned:
-            self.progress(Step(f"{draft.kind}: front between power and damping"))
-            front = tracer.front(draft, best)
-            points = tuple(replace(point, shunt=as_network(point.shunt)) for point in front.points)
-            found.append(replace(front, points=points))
-        self.notes += tracer.notes
+        for place in self.places.values():
+            assert place.maker is not None
+            tracer = FrontTracer(place.view, place.maker.host, place.maker.is_exact)
+            for draft, best in place.maker.tuned:
+                self.progress(Step(f"{draft.kind}: front between power and damping"))
+                front = tracer.front(draft, best)
+                points = tuple(replace(point, shunt=as_network(point.shunt)) for point in front.points)
+                found.append(front_back(replace(front, points=points), place.number))
+            self.notes += tracer.notes
         return tuple(front for front in found if front.points)
 
-    def _synthesis(self, view: LinearView) -> Synthesis | None:
-        """Synthesis of a network, where it is asked for."""
-        if SYNTHESISED not in (self.options.candidates or ()):
-            return None
-        self.progress(Step(f"{SYNTHESISED}: growing a network"))
-        return Synthesis(view, Host.of(view))
-
     def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
-        """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
+        """Bound of passive linear shunts, with remarks on it and on candidates that pass it."""
         self.progress(Step("bound of passive linear shunts", self.parts - 1, self.parts))
-        linear = next((c for c in candidates if isinstance(c.shunt, LinearShunt)), None)
-        if self.study.free_frequency:
-            view = self.search.view_at((linear or candidates[0]).frequency or self.search.grid[0])
-            bound = bound_in_band(view.working(linear.shunt if linear else None), self.search.grid)
-        else:
-            bound = bound_of(self.view.working(linear.shunt if linear else None))
+        bound = self._bound_at_places(candidates)
         self.notes += bound.notes
         if bound.linearised:
             self.notes.append("the bound is that of the hysteresis linearised at the amplitude found")
-        if not self.view.operation.periodic:  # a realisation may be above or below what is expected of it
+        if not self.operation.periodic:  # a realisation may be above or below what is expected of it
             return bound
         for candidate in candidates:
             gap = bound.gap(candidate.harvested_power, candidate.attenuation_db, damping=self.goal.damping)
             if gap is not None and gap < -_BEYOND:
                 self.notes.append(_beyond(candidate, bound))
         return bound
+
+    def _bound_at_places(self, candidates: tuple[Candidate, ...]) -> Bound:
+        """Bound at the electrodes of all candidates, with hysteresis at the amplitude with the best linear one."""
+        taken = {number for places in self.places for number in places}
+        if len(taken) > 1:
+            transducer = self.study.transducer
+            return bound_of_several(transducer, self.operation, self.goal, tuple(sorted(taken)), self._free_band)
+        (place,) = self.places.values()
+        linear = next((c for c in candidates if isinstance(c.shunt, LinearShunt)), None)
+        shunt = linear.shunt.swapped(place.number) if linear else None
+        if place.search is None:
+            return bound_of(place.view.working(shunt))
+        view = place.search.view_at((linear or candidates[0]).frequency or place.search.grid[0])
+        return bound_in_band(view.working(shunt), place.search.grid)
+
+    @property
+    def _free_band(self) -> tuple[float, float] | None:
+        """Band in which the frequency of the drive is sought, Hz; None where it is given."""
+        return self.study.design.band if self.study.free_frequency and self.study.design else None
 
     def _rank(self, candidate: Candidate) -> tuple:
         figures = candidate.worst_case.figures if self.options.worst_case and candidate.worst_case else candidate

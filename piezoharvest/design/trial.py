@@ -14,7 +14,6 @@ from scipy.optimize import minimize_scalar
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.design.broadband.expectation import NoiseExpectation
 from piezoharvest.design.drafts import ANGLES
@@ -269,9 +268,9 @@ class Trial:
             return self.view.reference
         found: dict[float, Response] = {}
         if self.view.operation.band is None:
-            found[0.0] = self._simulate(Short(), False)
+            found[0.0] = self._simulate(self.view.short, False)
         else:
-            self._close_in(Short(), False, found)
+            self._close_in(self.view.short, False, found)
         worst = max(found.values(), key=lambda response: response.displacement_amplitude)
         if not worst.displacement_amplitude > 0:
             raise self._impossible(worst)

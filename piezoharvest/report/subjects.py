@@ -112,6 +112,10 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
         elif key == "netlist":
             texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
+        elif key == "others":
+            for other in shunt.others:
+                at = f" at electrode {other.electrode}"
+                yield from ((name + at, text) for name, text in values_of(other) if name != symbol("electrode"))
         elif key != "kind":
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 

@@ -132,7 +132,7 @@ def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCi
         deck.add(f"Csmoothing{name} {plus} {minus} {capacitance} IC={number(voltage)}")
     if shunt.dc_leakage:
         deck.add("Rleak upper lower", 1 / shunt.dc_leakage)
-    return _write_loads(deck, shunt, point, ("upper", "lower"))
+    return _write_loads(deck, shunt, point, ("upper", "lower"), ("upper", "lower"))
 
 
 def write_half_wave(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
@@ -159,11 +159,13 @@ def write_dc_side(
         deck.add(f"Rsmoothing {plus} inside_smoothing", shunt.smoothing_resistance)
         plus = "inside_smoothing"
     deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
-    return _write_loads(deck, shunt, point, nodes)
+    return _write_loads(deck, shunt, point, nodes, (plus, minus))
 
 
-def _write_loads(deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str]) -> NetlistCircuit:
-    """Load and supply of a smoothing capacitor between two nodes."""
+def _write_loads(
+    deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str], store: tuple[str, str]
+) -> NetlistCircuit:
+    """Load and supply between two nodes, of a smoothing capacitor between two others, or the same."""
     assert shunt.smoothing_capacitance is not None
     harvested, slowest, fastest = [], 0.0, math.inf
     if shunt.load_resistance is not None:
@@ -171,6 +173,6 @@ def _write_loads(deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[
         harvested.append("V(dc)*V(dc)/{resistance_load}")
         slowest = shunt.smoothing_capacitance * shunt.load_resistance
     if shunt.storage is not None:
-        harvested.append(write_supply(deck, shunt.storage, point, nodes))
+        harvested.append(write_supply(deck, shunt.storage, point, nodes, store))
         fastest = min((float(phase.duration) for phase in shunt.storage.phases), default=math.inf)
     return NetlistCircuit(" + ".join(harvested), "V(dc)", fastest, slowest)

@@ -177,7 +177,9 @@ def _write_first_stage(
     current = point.voltage / impedance
     deck.add("Vbridge b opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
-    deck.add("Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+1e-8)")
+    # Beside a core hardly anything keeps the current from changing at once, and its sign has to change less steeply.
+    rounding = 1e-8 if shunt.core_resistance is None else 1e-6
+    deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(rounding)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     lost = f"2*{resistance}*{number(current)}*V(through)"
     deck.add(f"Bin opposed 0 V=V(direction)*(V(between)+2*{drop}) + {lost}")
@@ -198,7 +200,7 @@ def _write_extraction(
     capacitance = point.capacitance
     inductance, resistance = (float(part) for part in shunt.coil(capacitance))
     impedance, begins = math.sqrt(inductance / capacitance), abs(point.initial("coil"))
-    coil = _Coil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins)
+    coil = _Coil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins, shunt.core_resistance)
     timing.pulse("x", _early(coil, on_time), on_time)
     # The voltage is negative after a maximum, at which the pulse is 1.
     side = f"max(-1, min(1, 4*{pulse}))"
@@ -210,12 +212,16 @@ def _write_extraction(
 
 
 class _Coil(NamedTuple):
-    """Coil whose energy goes to the load when its switch opens: SI values, and sqrt(L/C) of its swing."""
+    """Coil whose energy goes to the load when its switch opens: SI values, and sqrt(L/C) of its swing.
+
+    The resistance beside it that is its `core` takes nothing of what goes to the load.
+    """
 
     inductance: float
     resistance: float
     impedance: float
     begins: float
+    core: float | None = None
 
 
 def _early(coil: _Coil, on_time: float) -> float:
@@ -237,6 +243,9 @@ def _write_coil_to_load(deck: Deck, point: OperatingPoint, coil: _Coil, voltage:
     deck.add("Lcoil rect lx", coil.inductance, f"IC={number(coil.begins)}")
     deck.add("Rcoil lx kx", coil.resistance)
     deck.add("Rdamp rect lx", 10 * IDEAL * impedance)
+    if coil.core is not None:
+        core = deck.parameter("resistance_core", coil.core)
+        deck.add(f"Bcore rect lx I=(V(rect)-V(lx))/{core}/(1+exp(-V(switchx)))")
     deck.add("Vcoil kx mx 0")
     # A diode: it conducts forward only.
     forward = f"0.5*(V(mx)+sqrt(V(mx)*V(mx)+{number((1e-6 * point.voltage) ** 2)}))"

@@ -16,8 +16,10 @@ EDGE = 1e-3  # of a phase: its power rises and falls in this share of it
 PROTECTION, CORNER = 1e-4, 1e-5
 
 
-def write_supply(deck: Deck, storage: Storage, point: OperatingPoint, nodes: tuple[str, str]) -> str:
-    """Supply that a store between two nodes feeds; return the power into its load."""
+def write_supply(
+    deck: Deck, storage: Storage, point: OperatingPoint, nodes: tuple[str, str], store: tuple[str, str]
+) -> str:
+    """Supply between two nodes that a `store` between two nodes feeds; return the power into its load."""
     deck.section("supply: V(supply) is 1 while it is on, and lowers the voltage at which it would turn on")
     on, off, limit = (
         deck.parameter(name, value)
@@ -29,8 +31,9 @@ def write_supply(deck: Deck, storage: Storage, point: OperatingPoint, nodes: tup
     drawn, power = _write_load(deck, storage, DECISION * 2 * math.pi / point.omega)
     deck.add(f"Bload {' '.join(nodes)} I=V(supply)*({drawn})/max(V(dc),0.5*{off})")
     corner, least = number((CORNER * storage.limit) ** 2), number(PROTECTION * storage.limit / point.current)
-    excess = f"(V(dc)-{limit})"
-    deck.add(f"Bprotection {' '.join(nodes)} I=0.5/{least}*({excess} + sqrt({excess}*{excess}+{corner}))")
+    across = "-".join(f"V({node})" for node in store if node != "0") if store != nodes else "V(dc)"
+    excess = f"({across}-{limit})"
+    deck.add(f"Bprotection {' '.join(store)} I=0.5/{least}*({excess} + sqrt({excess}*{excess}+{corner}))")
     return f"V(supply)*({power})"
 
 

@@ -18,6 +18,8 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 # Switched loop: ratio to sqrt(L/C) of the resistance that absorbs the current cut when the switch opens, inverse ratio
 # of that of the closed switch, and conductance of the open switch relative to 1/sqrt(L/C).
 IDEAL, OPEN = 1e4, 1e-8
+# Stray capacitance of a coil with a core, over the clamped one.
+CORE_STRAY = 2e-4
 # The pulse that closes a switch rises and falls over this fraction of its length to each side; logarithm of the
 # switch's conductance per unit of the pulse.
 EDGE = 0.1
@@ -178,6 +180,8 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     core = getattr(shunt, "core_resistance", None)
     if core is not None:
         deck.add("Rcore p l", core)
+        deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
+        deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
     deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins

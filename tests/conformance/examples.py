@@ -120,21 +120,30 @@ VARIANTS = {
     ],
     "series_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
-        {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0},
+        {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0, "core_resistance": 3e3},
     ],
     "sshc": [
         {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
         {"phase_lag": -0.2, "flip_capacitances": (30e-9,) * 4, "gate_energy": 1e-9, "control_power": 1e-8},
     ],
-    "bias_flip": [{"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1}, {"steps": 2, "bias_capacitance": 1e-6}],
-    "sice": [{"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1}, {"phase_lag": -0.2, "efficiency": 0.7}],
-    "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0}],
-    "dssh": [{"phase_lag": 0.2, "on_time_error": -0.5}, {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7}],
+    "bias_flip": [
+        {"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1},
+        {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3},
+    ],
+    "sice": [
+        {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1},
+        {"phase_lag": -0.2, "efficiency": 0.7, "core_resistance": 3e3},
+    ],
+    "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0, "core_resistance": 3e3}],
+    "dssh": [
+        {"phase_lag": 0.2, "on_time_error": -0.5},
+        {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7, "core_resistance": 3e3},
+    ],
     "sece": [
         {"efficiency": 0.7, "phase_lag": -0.2, "gate_energy": 1e-9},
         {"diode_drop": 0.3},
         {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
-        {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},
+        {**COIL, "on_time_error": -0.3, "phase_lag": -0.2, "core_resistance": 3e3},
     ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}, {**COIL, "phase_lag": 0.2, "on_time_error": 0.1}],
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3}],

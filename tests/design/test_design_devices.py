@@ -29,6 +29,21 @@ def test_quality_of_one_template_is_that_of_all(host, run):
     assert any("quality 9 as in the study's parallel_sshi" in note for note in result.notes)
 
 
+def test_coil_capacitor_and_control_of_one_template_are_those_of_all(host, run):
+    parts = {"inductance": 0.05, "core_resistance": 2e4, "switch_resistance": 20.0, "gate_energy": 1e-9}
+    side = {"smoothing_capacitance": 1e-5, "load_resistance": 2e5, "smoothing_resistance": 50.0, "control_power": 1e-7}
+    coil = ParallelSSHI(**parts, **side, quality=9.0)
+    result = run(host(0.025, 50), 50.3, shunts=[coil, SeriesRL(inductance=150.0, resistance=1e4)], candidates=KINDS)
+    found = shunts_of(result)
+    for name, value in parts.items():
+        assert getattr(found["series_sshi"], name) == value
+    assert found["rectifier"].smoothing_resistance == 50.0
+    assert (found["sece"].gate_energy, found["sece"].control_power) == (1e-9, 1e-7)
+    assert found["sece"].core_resistance is None  # without a coil
+    assert "series_sshi: assumed core_resistance = 20000 ohm as in the study's parallel_sshi" in result.notes
+    assert not any("same devices" in note for note in result.notes)
+
+
 def test_a_template_of_the_kind_says_otherwise(host, run):
     """It stays as it is written, and that the devices differ is said."""
     templates = [SCHOTTKY, SECE(diode_drop=0.5)]

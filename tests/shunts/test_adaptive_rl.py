@@ -1,11 +1,13 @@
 """An adaptive RL shunt: the resonance that it finds, its law against an independent integration, a drift."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles.ngspice import needs_ngspice
 from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
 from studies import BENCH
 
 from piezoharvest import (
@@ -22,7 +24,9 @@ from piezoharvest import (
 )
 from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.effects import CouplingDrift
+from piezoharvest.design import design
 from piezoharvest.spice.simulators.comparison import compare
+from piezoharvest.study import DesignOptions, Study
 
 DEVICE, FREQUENCY = Transducer(**BENCH), 50.6
 OMEGA, CAPACITANCE = 2 * np.pi * FREQUENCY, BENCH["capacitance"]
@@ -149,3 +153,32 @@ def test_against_ngspice(topology):
     assert trusted
     for figure in figures:
         assert abs(figure.difference) < 0.01, figure
+
+
+@pytest.mark.parametrize("topology", ["series", pytest.param("parallel", marks=pytest.mark.slow)])
+def test_design_tunes_its_resistance(topology):
+    """To the best of the circuit with the coil at 1/(omega^2 C), by the two equations of motion written down here."""
+    shunt = AdaptiveRL(**{**FAST, "resistance": 10 * FAST["resistance"]}, inductance=1.1 * TUNED, topology=topology)
+    study = Study(
+        title="", path=Path("study.toml"), transducer=DEVICE, shunts=(shunt,), excitation=DRIVE,
+        design=DesignOptions(candidates=("adaptive_rl",)),
+    )  # fmt: skip
+
+    def power(resistance):
+        """Power into the resistance with a coil of 1/(omega^2 C)."""
+        s, c = 1j * OMEGA, CAPACITANCE
+        reactance = s * TUNED
+        load = reactance + resistance if topology == "series" else 1 / (1 / reactance + 1 / resistance)
+        mechanics = DEVICE.stiffness + DEVICE.damping * s + DEVICE.mass * s**2
+        matrix = [[mechanics, -DEVICE.coupling], [s * DEVICE.coupling, s * c + 1 / load]]
+        voltage = abs(np.linalg.solve(matrix, [0.02, 0.0])[1])
+        real = resistance / abs(load) ** 2 if topology == "series" else 1 / resistance
+        return 0.5 * voltage**2 * real
+
+    best = minimize_scalar(lambda log: -power(np.exp(log)), bounds=np.log([1e2, 1e8]), method="bounded")
+    result = design(study)
+    found = result.best
+    assert found.converged
+    assert found.shunt.resistance == pytest.approx(np.exp(best.x), rel=0.02)
+    assert found.harvested_power == pytest.approx(-best.fun, rel=1e-3)
+    assert found.harvested_power <= result.bound.any_interface

@@ -225,3 +225,58 @@ def test_node_against_ngspice():
     assert trusted
     for figure in figures:
         assert abs(figure.difference) < 0.01, figure
+
+
+RESISTANCE = 300.0  # the supply draws 0.42 mA just before it turns off: 0.125 V
+
+
+def test_a_resistance_in_series_turns_the_supply_off_sooner():
+    """C v_c' = -i with P/efficiency = i (v_c - r i): the supply sees what is left, by quadrature."""
+    drawn = SUPPLY.power / SUPPLY.efficiency
+    shunt = Rectifier(
+        smoothing_capacitance=STORE, initial_dc_voltage=6.0, smoothing_resistance=RESISTANCE, storage=SUPPLY
+    )  # fmt: skip
+
+    def current(inside):
+        return (inside - np.sqrt(inside**2 - 4 * RESISTANCE * drawn)) / (2 * RESISTANCE)
+
+    last = SUPPLY.turn_off + RESISTANCE * drawn / SUPPLY.turn_off
+    wanted = STORE * quad(lambda v: 1 / current(v), last, 6.0, epsabs=0)[0]
+    found = transient(shunt, 1.5 * wanted)
+    (off,) = times(found, "supply turns off")
+    assert off == pytest.approx(wanted, rel=1e-4)
+    assert off < 0.97 * 0.5 * STORE * (36.0 - SUPPLY.turn_off**2) / drawn
+    assert found.energy_stored == pytest.approx(0.5 * STORE * last**2, rel=1e-4)
+    assert found.energy["harvested"] == pytest.approx(SUPPLY.power * wanted, rel=1e-4)
+    lost = RESISTANCE * quad(lambda v: STORE * current(v), last, 6.0, epsabs=0)[0]
+    assert found.energy["shunt_loss"] == pytest.approx(lost + drawn * 0.2 * wanted, rel=1e-4)
+
+
+def test_without_a_resistance_it_is_the_limit_of_a_small_one():
+    shunt = Rectifier(smoothing_capacitance=5e-6, initial_dc_voltage=4.0, storage=SUPPLY)
+    without, small = (transient(dataclasses.replace(shunt, smoothing_resistance=r), 3.0, DRIVE) for r in (0.0, 1.0))
+    assert small.harvested_power == pytest.approx(without.harvested_power, rel=1e-3)
+
+
+@pytest.mark.parametrize("change", [{"turn_off": 4.4}, {"phases": (LoadPhase(power=0.05, duration=0.01, sends=True),)}])
+def test_a_resistance_with_which_it_cannot_stay_on_is_refused(change):
+    storage = dataclasses.replace(SUPPLY, **change)
+    with pytest.raises(ParameterError) as caught:
+        Rectifier(smoothing_capacitance=STORE, smoothing_resistance=RESISTANCE + 100.0, storage=storage)
+    assert caught.value.key == "smoothing_resistance"
+    assert is_sentence(caught.value.message)
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("kind", [Rectifier, ParallelSSHI])
+def test_a_resistance_in_series_against_ngspice(kind):
+    loop = {"inductance": 0.1, "quality": 5.0} if kind is ParallelSSHI else {}
+    shunt = kind(
+        smoothing_capacitance=2e-6, initial_dc_voltage=4.0, smoothing_resistance=1500.0, diode_drop=0.3,
+        storage=dataclasses.replace(SUPPLY, power=3e-4, max_voltage=8.0), **loop,
+    )  # fmt: skip
+    figures, trusted = compare(System(DEVICE, shunt), DRIVE)
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
 
@@ -62,6 +62,14 @@ class Shunt(Component):
     def taken(self) -> tuple[int, ...]:
         """Numbers of the electrodes that have a shunt, this one's first."""
         return (self.electrode, *(other.electrode for other in self.others))
+
+    def swapped(self, number: int) -> Self:
+        """The same circuits where electrodes 0 and those of a number have changed places."""
+        if number == 0:
+            return self
+        places = {0: number, number: 0}
+        others = tuple(replace(o, electrode=places.get(o.electrode, o.electrode)) for o in self.others)
+        return replace(self, electrode=places.get(self.electrode, self.electrode), others=others)
 
     @classmethod
     def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
@@ -142,6 +150,10 @@ class Shunt(Component):
     def tracked(self, open_voltage: Any) -> Self:
         """The circuit where the peak of the open electrodes' voltage is `open_voltage` (V)."""
         return self
+
+    def settled(self, capacitance: float, omega: float) -> LinearShunt | None:
+        """The linear circuit that it becomes under a sine of `omega` (rad/s); None if it does not adapt itself."""
+        return None
 
     def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
         """Figures that a response has of this circuit, by their names there, from its states at the end of a run."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class Bridge(Shunt):
     The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
     A smoothing capacitor may have a resistance in series (ESR), `smoothing_resistance`; its leakage is `dc_leakage`.
-    The dc voltage is then that of the capacitor inside, whose mean over a period is the same.
+    The dc voltage is then that of the capacitor inside, whose mean over a period is the same; a supply has the one
+    outside, which falls by what it draws.
 
     A smoothing capacitor may begin at `initial_dc_voltage`, and with a table `storage` it feeds a supply, beside the
     load resistance or in its place (`piezoharvest.description.shunts.stored`).
@@ -42,6 +44,7 @@ class Bridge(Shunt):
     """
 
     diodes: ClassVar[int] = 2
+    drawn: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # A and S, of what else is at the dc side (`drawing`)
     gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
 
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
@@ -83,7 +86,9 @@ class Bridge(Shunt):
         if self.smoothing_capacitance is None:
             why = "but belongs to a smoothing_capacitance"
         elif self.storage is not None:
-            why = "together with a table storage, whose supply is connected to the capacitor itself"
+            most: Any = np.real(self.storage.most_resistance)
+            if np.any(np.real(self.smoothing_resistance) >= most):
+                why = f"must be less than {np.min(most):.4g} ohm, with which the supply stays on"
         if why:
             raise ParameterError("smoothing_resistance", f"found {np.max(self.smoothing_resistance):g} ohm, {why}")
 
@@ -131,14 +136,24 @@ class Bridge(Shunt):
         """Current balance of the smoothing capacitor, charged by the `rectified` current."""
         if self.smoothing_capacitance is None:
             return []
-        return [self.dc_capacitance * dz.dc - self._divided(rectified - self._all_conductance * z.dc)]
+        return [self.dc_capacitance * dz.dc - self.divided(rectified - self._all_conductance * z.dc)]
+
+    def drawing(self, current: Any, conductance: Any) -> Self:
+        """The circuit where something takes a current (A) and a conductance (S) times the voltage of the dc side.
+
+        The current itself is to be added to the balance of the smoothing capacitor, `divided`.
+        """
+        found = copy.copy(self)
+        object.__setattr__(found, "drawn", (current, conductance))
+        return found
 
     @property
     def _all_conductance(self) -> Any:
         """What discharges the smoothing capacitor, with the load, S."""
-        return self.dc_conductance + (0.0 if self.load_resistance is None else 1.0 / self.load_resistance)
+        load = 0.0 if self.load_resistance is None else 1.0 / self.load_resistance
+        return self.dc_conductance + load + self.drawn[1]
 
-    def _divided(self, what: Any) -> Any:
+    def divided(self, what: Any) -> Any:
         """What is left of a voltage or a current behind the series resistance of the smoothing capacitor."""
         if not np.any(self.smoothing_resistance):
             return what
@@ -148,7 +163,7 @@ class Bridge(Shunt):
         """Voltage across the load: that of the smoothing capacitor with what its series resistance adds."""
         if not np.any(self.smoothing_resistance):
             return self.dc_side(port, z)
-        return self._divided(self.dc_side(port, z) + self.dc_resistance * rectified)
+        return self.divided(self.dc_side(port, z) + self.dc_resistance * (rectified - self.drawn[0] * port.one))
 
     @property
     def dc_resistance(self) -> Any:
@@ -157,7 +172,7 @@ class Bridge(Shunt):
 
     def resistance(self, sign: int) -> Any:
         """Resistance between the leads and what `level` is of while diodes of this sign conduct, ohm."""
-        return self.path_resistance + self._divided(self.dc_resistance)
+        return self.path_resistance + self.divided(self.dc_resistance)
 
     @property
     def dc_conductance(self) -> Any:
@@ -210,18 +225,18 @@ class Bridge(Shunt):
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into what lies behind the diodes and in them, from the `rectified` current."""
         dc = self.terminal(rectified, port, z)
-        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc), *self.capacitor_loss(rectified, z)]
+        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc), *self.capacitor_loss(rectified, port, z)]
         if self.load_resistance is not None:
             harvested = [Product(1.0 / self.load_resistance, dc, dc)]
         else:
             harvested = [] if self.storage is not None else [Product(1.0, dc, rectified)]
         return {"harvested": harvested, "shunt_loss": lost}
 
-    def capacitor_loss(self, rectified: Row, z: SimpleNamespace) -> list[Product]:
+    def capacitor_loss(self, rectified: Row, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power in the series resistance of the smoothing capacitor."""
         if not np.any(self.smoothing_resistance):
             return []
-        charging = self._divided(rectified - self._all_conductance * z.dc)
+        charging = self.divided(rectified - self.drawn[0] * port.one - self._all_conductance * z.dc)
         return [Product(self.dc_resistance, charging, charging)]
 
     def dc_loss(self, dc: Row) -> list[Product]:

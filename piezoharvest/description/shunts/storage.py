@@ -34,6 +34,9 @@ class Storage(Component):
     beside the constant one. An `efficiency_curve` replaces `efficiency`; over the voltage it holds at the
     ends of the pieces.
 
+    Where the store has a resistance in series, the voltage of the supply is the one outside, and `max_voltage` that of
+    the capacitor itself.
+
     Source: LTC3588-1 data sheet, Analog Devices, 2010: a buck converter, a lockout of 5 and 4 V, a shunt at 20 V.
 
     Raises
@@ -74,6 +77,19 @@ class Storage(Component):
     def limit(self) -> Any:
         """Voltage of the protection, V."""
         return PROTECTION * self.turn_on if self.max_voltage is None else self.max_voltage
+
+    @property
+    def most_resistance(self) -> Any:
+        """Resistance in series with the store (ohm) with which the supply would turn off by what it draws itself.
+
+        Having turned off it would then turn on again at once.
+        """
+        voltage: Any = np.minimum(np.real(self.turn_on - self.turn_off), np.real(self.turn_off))
+        phases = range(max(1, len(self.phases)))
+        drawn = [np.real(self.power_in(n) / self.efficiency_at(self.turn_off, n)) for n in phases]
+        most: Any = np.max(np.stack(np.broadcast_arrays(*drawn)), axis=0)
+        with np.errstate(divide="ignore"):
+            return voltage * np.real(self.turn_off) / most
 
     def knots(self) -> tuple[list[Any], int]:
         """Voltages (V) at which the pieces of the load's line begin and end, and the place of `turn_on` among them."""

@@ -67,25 +67,26 @@ class Stored(Shunt):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         supply, own = configuration.split(" ", 1)
-        rows = list(self.circuit.equations(own, port, z, dz))
-        at = self._balance(port)
+        circuit, at = self._loaded(supply), self._balance(port)
+        rows = list(circuit.equations(own, port, z, dz))
         # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
         full = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
-        rows[at] = full if _level(supply) == FULL else rows[at] + self._load(supply, port, z)
+        rows[at] = full if _level(supply) == FULL else rows[at] + circuit.divided(circuit.drawn[0]) * port.one
         if self.storage.phases:
             rows.append(dz.timer - (0.0 if supply == OFF else 1.0) * port.one)
         return rows
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         supply, own = configuration.split(" ", 1)
-        powers = {name: list(products) for name, products in self.circuit.powers(own, port, z).items()}
+        powers = {name: list(products) for name, products in self._loaded(supply).powers(own, port, z).items()}
         if supply == OFF:
             return powers
-        load, share = self._load(supply, port, z), self.storage.share(self._piece(supply), _phase(supply))
-        powers["harvested"].append(Product(share, z.dc, load))
-        powers["shunt_loss"].append(Product(1.0 - share, z.dc, load))
+        piece, phase, voltage = self._piece(supply), _phase(supply), self._voltage(supply, own, port, z)
+        load, share = self.storage.load(piece, phase, voltage, port.one), self.storage.share(piece, phase)
+        powers["harvested"].append(Product(share, voltage, load))
+        powers["shunt_loss"].append(Product(1.0 - share, voltage, load))
         if _level(supply) == FULL:
-            powers["shunt_loss"].append(Product(1.0, z.dc, self._surplus(supply, own, port, z)))
+            powers["shunt_loss"].append(Product(1.0, z.dc, self._charging(supply, own, port, z)))
         return powers
 
     def control(self, port: Port) -> Sequence[Product]:
@@ -95,11 +96,11 @@ class Stored(Shunt):
         supply, own = configuration.split(" ", 1)
         guards = [
             guard._replace(target=f"{supply} {guard.target}", conducts=guard.begins_to_conduct)
-            for guard in self.circuit.guards(own, port, z)
+            for guard in self._loaded(supply).guards(own, port, z)
         ]
-        knots, first = self.storage.knots()
+        (knots, first), voltage = self.storage.knots(), self._voltage(supply, own, port, z)
         if supply == OFF:
-            reached = z.dc - (1 - REACHED) * knots[first] * port.one
+            reached = voltage - (1 - REACHED) * knots[first] * port.one
             return [*guards, Guard(reached, f"{self._name(str(first), 0)} {own}", event="supply turns on")]
         guards += self._end_of_phase(supply, own, port, z)
         piece, phase = self._piece(supply), _phase(supply)
@@ -108,12 +109,12 @@ class Stored(Shunt):
             return f"{self._name(level, phase)} {own}"
 
         if _level(supply) == FULL:
-            return [*guards, Guard(-self._surplus(supply, own, port, z), to(str(piece)), event="")]
-        rises, falls = z.dc - knots[piece + 1] * port.one, knots[piece] * port.one - z.dc
+            return [*guards, Guard(-self._charging(supply, own, port, z), to(str(piece)), event="")]
         if piece == self.pieces - 1:
-            guards.append(Guard(rises, to(FULL), event="store is full"))
+            guards.append(Guard(z.dc - knots[piece + 1] * port.one, to(FULL), event="store is full"))
         else:
-            guards.append(Guard(rises, to(str(piece + 1)), event=""))
+            guards.append(Guard(voltage - knots[piece + 1] * port.one, to(str(piece + 1)), event=""))
+        falls = knots[piece] * port.one - voltage
         if piece == 0:
             timer = "timer" if self.storage.phases else None
             return [*guards, Guard(falls, f"{OFF} {own}", timer, event="supply turns off")]
@@ -156,17 +157,23 @@ class Stored(Shunt):
         """Place of the store's balance of currents among the equations: behind the port's, in the order of states."""
         return 1 + [state.name for state in self.circuit.states(port.capacitance)].index("dc")
 
-    def _load(self, supply: str, port: Port, z: SimpleNamespace) -> Row:
-        """Current into the supply."""
+    def _loaded(self, supply: str) -> Bridge:
+        """The circuit with what the supply draws from it."""
         if supply == OFF:
-            return 0.0 * port.one
-        return self.storage.load(self._piece(supply), _phase(supply), z.dc, port.one)
+            return self.circuit
+        return self.circuit.drawing(*self.storage.line(self._piece(supply), _phase(supply)))
 
-    def _surplus(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
-        """Current that a full store does not take: what arrives, less what leaves it at a constant voltage."""
-        at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
-        arrives = -self.circuit.equations(own, port, z, at_rest)[self._balance(port)]
-        return arrives - self._load(supply, port, z)
+    def _charging(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
+        """Current into the capacitor, or past a full one: what arrives, less what leaves its side."""
+        at_rest, circuit = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)}), self._loaded(supply)
+        balance = circuit.equations(own, port, z, at_rest)[self._balance(port)]
+        return -balance - circuit.divided(circuit.drawn[0]) * port.one
+
+    def _voltage(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the supply: that of the capacitor, with what its current makes of the resistance in series."""
+        if not np.any(self.circuit.smoothing_resistance):
+            return z.dc
+        return z.dc + self.circuit.dc_resistance * self._charging(supply, own, port, z)
 
 
 def _level(supply: str) -> str:

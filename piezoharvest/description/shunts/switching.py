@@ -192,34 +192,45 @@ class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
 class CoredSwitch(InductiveSwitch):
     """A switched inductance whose core may lose energy: a resistance beside the inductance, behind that of the loop.
 
-    The switch is timed as for the loop without it. When it opens, the core takes what is left in the coil.
+    The switch is timed as for the loop without it. When it opens, the core takes what is left in the coil. Where diodes
+    in line block before that, the current of the inductance goes on in the core alone.
     """
 
     core_resistance: float | None = quantity(
         "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
     )
 
-    def coil_current(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace) -> Row:
-        """Current into the loop under the voltage `drive`: of the inductance and of the core."""
+    def cored_current(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> Row:
+        """Current into the loop under the voltage `drive`, of the inductance and of the core.
+
+        `line` is a resistance in line beside that of the loop, ohm.
+        """
         if self.core_resistance is None or not closed:
             return self.loop_current(closed, port, z)
-        resistance = self.loop(port.capacitance)[1]
+        resistance = self.loop(port.capacitance)[1] + line
         return (drive + self.core_resistance * z.current) / (resistance + self.core_resistance)
 
-    def coil_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
-        """L di/dt = R_c (current into the loop - i) while closed, without a core as `loop_equation`."""
-        if self.core_resistance is None or not closed:
-            return self.loop_equation(closed, drive, port, z, dz)
-        in_core = self.coil_current(closed, drive, port, z) - z.current
+    def cored_equation(
+        self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace, line: Any = 0.0
+    ) -> Row:
+        """L di/dt = R_c (current into the loop - i), without a core as `loop_equation`."""
+        if self.core_resistance is None:
+            return self.loop_equation(closed, drive - line * z.current, port, z, dz)
+        in_core = self.cored_current(closed, drive, port, z, line) - z.current
         return self.loop(port.capacitance)[0] * dz.current - self.core_resistance * in_core
 
-    def coil_losses(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace) -> list[Product]:
-        """Power in the resistance of the loop and in the core."""
-        current, resistance = self.coil_current(closed, drive, port, z), self.loop(port.capacitance)[1]
-        if self.core_resistance is None or not closed:
+    def cored_losses(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> list[Product]:
+        """Power in the resistance of the loop and in the core, but not in that in line."""
+        resistance = self.loop(port.capacitance)[1]
+        if self.core_resistance is None:
             return [Product(resistance, z.current, z.current)]
+        current = self.cored_current(closed, drive, port, z, line)
         in_core = current - z.current
         return [Product(resistance, current, current), Product(self.core_resistance, in_core, in_core)]
+
+    def in_core(self, z: SimpleNamespace) -> Row | float:
+        """Voltage that the current of the inductance has in the core while diodes in line block, V."""
+        return 0.0 if self.core_resistance is None else self.core_resistance * z.current
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.design.bound.certificate import certify
 from piezoharvest.design.bound.density import subdivided
 from piezoharvest.design.bound.mesh import Grading, mesh
@@ -201,7 +200,7 @@ def _shorted(view: LinearView) -> float:
     """The displacement's figure with shorted electrodes, m."""
     if view.operation.apart:
         return view.shorted
-    displacement = np.abs(view.response(Short(), view.operation.frequencies).displacement)
+    displacement = np.abs(view.response(view.short, view.operation.frequencies).displacement)
     return float(np.sqrt(view.operation.squares @ displacement**2))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
-from piezoharvest.design.drafts import Draft, harvests
+from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.front.point import Front, FrontPoint
 from piezoharvest.design.front.surface import SurfaceFront
 from piezoharvest.design.front.two_port import TwoPortFront
@@ -54,7 +54,7 @@ class FrontTracer:
 
         A circuit that harvests nothing, or has nothing to tune, has one point.
         """
-        varied = harvests(best, self.view.transducer.capacitance, 2 * np.pi / self.host.omega) and draft.free
+        varied = any_harvests(best, self.view.transducer, 2 * np.pi / self.host.omega) and draft.free
         free = draft.free if varied else ()
         found: list[tuple[Shunt, Figures]] = []
         try:

@@ -18,9 +18,10 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.front.point import TIE, nondominated
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.tuning.joint import joint_starts
 from piezoharvest.design.tuning.minimax import MinimaxProgram, tune
 from piezoharvest.design.tuning.region import Region, values_at
-from piezoharvest.design.tuning.starts import Host, Start, starts
+from piezoharvest.design.tuning.starts import Host, Start
 
 # Steps of the power, and of the damping, each from its own end and wider by the square: near an end the other figure is
 # a parabola, along which such steps are even.
@@ -73,7 +74,7 @@ class TwoPortFront:
         def merit(start: Start) -> float:
             return view.goal.merit(view.figures(self.draft.with_values(self.region.values(self._logs(start)))))
 
-        tried = sorted(starts(self.draft, self.host), key=merit)[:_CLOSED_FORMS]
+        tried = sorted(joint_starts(view, self.draft, self.host), key=merit)[:_CLOSED_FORMS]
         tried.append(Start("the best for harvest", self.draft.values_of(self.best)))
         return min((tune(view, self.draft, start, self.region) for start in tried), key=lambda t: t.merit).shunt
 

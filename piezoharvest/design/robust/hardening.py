@@ -138,7 +138,7 @@ def _descend(trial: ScenarioTrial, draft: Draft, region: Region, start: Start) -
     def slopes(y: np.ndarray) -> np.ndarray:
         _, rows = forms(y[:size])
         marks = np.column_stack((_is_score, ~_is_score)).astype(float)
-        return np.vstack((np.hstack((-rows, marks)), np.append(region.coil, [0.0, 0.0])))
+        return np.vstack((np.hstack((-rows, marks)), np.pad(region.coil, ((0, 0), (0, 2)))))
 
     try:
         values, _ = forms(first)

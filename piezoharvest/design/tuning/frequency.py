@@ -19,15 +19,16 @@ from scipy.optimize import minimize_scalar
 
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.design.drafts import Draft, harvests
+from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import operation_of, widening_grid
 from piezoharvest.design.trial import DESIGN_WORK, Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
+from piezoharvest.design.tuning.joint import joint_starts
 from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.phase import coarse_points, coarse_steps, merits_of, phase_start, simulated, zoom
 from piezoharvest.design.tuning.region import Region
-from piezoharvest.design.tuning.starts import Host, starts
+from piezoharvest.design.tuning.starts import Host
 
 # Of the simulations of one candidate's search, in units of `engine.work_limit`: about 20 s. Most take a tenth of it;
 # strong inversion and strong coupling together took 1.15 times what a design may take otherwise.
@@ -70,7 +71,7 @@ class FrequencySearch:
 
         The resonance in the middle for one that harvests nothing at any.
         """
-        if not harvests(draft.shunt, self.trial.view.transducer.capacitance, 1 / self._centre):
+        if not any_harvests(draft.shunt, self.trial.view.transducer, 1 / self._centre):
             return self._centre
         if not isinstance(draft.shunt, LinearShunt):
             points, merits = self._coarse(draft)
@@ -118,7 +119,8 @@ class FrequencySearch:
         host = Host.of(view)
         region = Region.of(draft, host, view.goal.options.max_inductance)
         first = min(
-            starts(draft, host), key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values)))
+            joint_starts(view, draft, host),
+            key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))),
         )
         tuned = tune(view, draft, first, region)
         return tuned.merit, region.logs(draft.values_of(tuned.shunt))
@@ -161,7 +163,7 @@ class FrequencySearch:
         host = Host.of(self.view_at(self._frequency(float(positions[0]))))
         own = Region.of(draft, host, self.trial.view.goal.options.max_inductance)
         lower, upper = np.append(own.lower, 0.0), np.append(own.upper, len(self.grid) - 1.0)
-        region = Region((*own.names, "position"), lower, upper, np.append(own.coil, 0.0), own.offset)
+        region = Region((*own.names, "position"), lower, upper, np.pad(own.coil, ((0, 0), (0, 1))), own.offset)
 
         def merits(p: np.ndarray, _: np.ndarray) -> np.ndarray:
             return self._merits(draft, p[:, :-1], np.clip(self._track(p[:, -1]), *self.band))

@@ -177,16 +177,16 @@ class MinimaxProgram:
         parts = [y[-2] - self._losses(*value)] if self._bounded(value) else []
         for limit, sign, levels in self._limits(*value):
             parts.append(sign * (limit - levels) - MARGIN + y[-1])
-        if np.any(self.region.coil):
-            parts.append(np.atleast_1d(self.region.coil @ y[:-2] - self.region.offset))
+        if len(self.region.coil):
+            parts.append(self.region.coil @ y[:-2] - self.region.offset)
         return np.concatenate(parts) if parts else np.empty(0)
 
     def _constraints_slope(self, y: np.ndarray) -> np.ndarray:
         _, slopes = self._forms(y[:-2])
         parts = [_block(-self._losses(*slopes), 1.0, 0.0)] if self._bounded(slopes) else []
         parts += [_block(-sign * slope, 0.0, 1.0) for _, sign, slope in self._limits(*slopes)]
-        if np.any(self.region.coil):
-            parts.append(_block(self.region.coil[None], 0.0, 0.0))
+        if len(self.region.coil):
+            parts.append(_block(self.region.coil, 0.0, 0.0))
         return np.concatenate(parts) if parts else np.empty((0, len(y)))
 
     def _limits(self, power, displacement, voltage):

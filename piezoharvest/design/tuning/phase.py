@@ -148,7 +148,7 @@ class PhaseTuning:
     def _part(self, count: int) -> Region:
         """The region of the first fields."""
         r = self.region
-        return Region(r.names[:count], r.lower[:count], r.upper[:count], r.coil[:count], r.offset)
+        return Region(r.names[:count], r.lower[:count], r.upper[:count], r.coil[:, :count], r.offset)
 
 
 def coarse_points(draft: Draft, start: Start, loads: np.ndarray = _LOADS) -> np.ndarray:

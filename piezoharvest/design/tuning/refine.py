@@ -92,9 +92,10 @@ class _EngineProgram:
         )
         concessions = np.maximum(0.0, self._excess(start))
         bounds = [*zip(low, high, strict=True), *[(0.0, None)] * len(concessions)]
+        constraints = {"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}
         return minimize(
             self._objective, np.append(start, concessions), jac=True, bounds=bounds, method="SLSQP",
-            constraints={"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}, options=_DESCENT,
+            constraints=constraints if len(concessions) + len(self.region.coil) else (), options=_DESCENT,
         )  # fmt: skip
 
     def _tangent(self, p: np.ndarray) -> Tangent:
@@ -120,7 +121,7 @@ class _EngineProgram:
     def _constraints_slope(self, y: np.ndarray) -> np.ndarray:
         p, concessions = self._split(y)
         slopes = -self.trial.view.goal.excess_slopes(self._tangent(p)[1])
-        coil = np.append(self.region.coil, np.zeros(len(concessions)))
+        coil = np.pad(self.region.coil, ((0, 0), (0, len(concessions))))
         return np.vstack((np.hstack((slopes, np.eye(len(concessions)))), coil))
 
 

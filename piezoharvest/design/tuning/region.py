@@ -40,33 +40,37 @@ class Region:
     ----------
     names : tuple of str
     lower, upper : (n,) array
-    coil : (n,) array
-        Row of the linear constraint coil @ p >= offset: the resistance is no less (in parallel no more) than that of an
-        inductor of quality `COIL_QUALITY`. Zero without such a constraint.
-    offset : float
+    coil : (m, n) array
+        Rows of the linear constraints coil @ p >= offset, one for each circuit of a coil and a resistance: that is no
+        less (in parallel no more) than the one of an inductor of quality `COIL_QUALITY`.
+    offset : (m,) array
     """
 
     names: tuple[str, ...]
     lower: np.ndarray
     upper: np.ndarray
     coil: np.ndarray
-    offset: float
+    offset: np.ndarray
 
     @classmethod
     def of(cls, draft: Draft, host: Host, max_inductance: float | None) -> Region:
         """Region of a draft across a host."""
         middle = coordinates(scales(draft, host))
         span = np.array([_SPANS.get(name, SPAN) for name in draft.free])
-        lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
+        lower, upper = middle - span, middle + span
         names = list(draft.free)
         largest = np.inf if max_inductance is None else max_inductance
         for n in (n for n, name in enumerate(names) if _is_inductance(name)):
             upper[n] = min(upper[n], np.log(largest))
             lower[n] = min(lower[n], upper[n] - SPAN)
-        sign = _SERIES.get(draft.kind, 0.0) if {"resistance", "inductance"} <= set(names) else 0.0
-        if sign:
-            coil[names.index("resistance")], coil[names.index("inductance")] = sign, -sign
-        return cls(draft.free, lower, upper, coil, float(sign * np.log(host.omega) - np.log(COIL_QUALITY)))
+        rows, offsets, eye = [], [], np.eye(len(names))
+        for prefix, shunt in draft.branches():
+            sign, pair = _SERIES.get(shunt.kind, 0.0), (f"{prefix}resistance", f"{prefix}inductance")
+            if sign and set(pair) <= set(names):
+                rows.append(sign * (eye[names.index(pair[0])] - eye[names.index(pair[1])]))
+                offsets.append(sign * np.log(host.omega) - np.log(COIL_QUALITY))
+        coil = np.reshape(rows, (len(rows), len(names)))
+        return cls(draft.free, lower, upper, coil, np.array(offsets))
 
     def logs(self, values: Mapping[str, float]) -> np.ndarray:
         """Logarithms of values, clipped to the region."""
@@ -79,34 +83,34 @@ class Region:
     def clip(self, p: np.ndarray) -> np.ndarray:
         """A nearby point inside: clipped to the box, then with the resistance changed to keep the coil quality."""
         p = np.clip(p, self.lower, self.upper)
-        missing = self.offset - self.coil @ p
-        if np.any(self.coil) and missing > 0:
-            n = self.names.index("resistance")
-            p[n] += self.coil[n] * missing
+        for row, missing in zip(self.coil, self.offset - self.coil @ p, strict=True):
+            if missing > 0:
+                n = next(n for n in np.flatnonzero(row) if self.names[n].endswith("resistance"))
+                p[n] += row[n] * missing
         return p
 
     def contains(self, p: np.ndarray) -> bool:
         """True if a point is inside, or at the border."""
         inside = np.all((p >= self.lower - _AT_BORDER) & (p <= self.upper + _AT_BORDER))
-        return bool(inside and (not np.any(self.coil) or self.coil @ p >= self.offset - _AT_BORDER))
+        return bool(inside and np.all(self.coil @ p >= self.offset - _AT_BORDER))
 
     def beside(self, name: str, value: float) -> Region:
         """Region of the other parts where one is held at a value.
 
-        With the resistance held, the quality of the coil is left to `contains`.
+        With a resistance held, the quality of its coil is left to `contains`.
         """
         n = self.names.index(name)
         names = self.names[:n] + self.names[n + 1 :]
-        lower, upper, coil = (np.delete(x, n) for x in (self.lower, self.upper, self.coil))
-        if name == "resistance":
-            coil = 0 * coil
-        offset = self.offset - self.coil[n] * np.log(value) if np.any(coil) else self.offset
-        return Region(names, lower, upper, coil, float(offset))
+        kept = (self.coil[:, n] == 0) | (not name.endswith("resistance"))
+        offset = (self.offset - self.coil[:, n] * np.log(value))[kept]
+        return Region(
+            names, np.delete(self.lower, n), np.delete(self.upper, n), np.delete(self.coil[kept], n, axis=1), offset
+        )
 
     def remarks(self, p: np.ndarray) -> list[str]:
         """Remarks on parts at the border of the region, in words."""
         found = []
-        if np.any(self.coil) and self.coil @ p - self.offset < _AT_BOUND:
+        if np.any(self.coil @ p - self.offset < _AT_BOUND):
             found.append(
                 f"the resistance is what a coil of quality {COIL_QUALITY:g} has by itself, nothing is left for a load"
             )

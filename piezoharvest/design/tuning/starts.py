@@ -7,16 +7,17 @@ Inman, J. Intell. Mater. Syst. Struct. 21(13), 1293-1302, 2010 (conjugate match 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.negative_capacitance import NegativeCapacitance
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.places import unit_at
+from piezoharvest.design.places import owner, unit_at
 from piezoharvest.design.tuning.branches import branch_values
 from piezoharvest.linear import TwoPort, resonances
 
@@ -44,6 +45,8 @@ class Host:
         Of the leads at `omega`, ohm.
     modes : tuple of (float, float)
         Short- and open-circuit resonances in the band, rad/s, the most strongly coupled first.
+    beside : mapping of int to Host
+        The same of further electrodes that have a shunt, by their numbers, all others being open.
     """
 
     omega: float
@@ -53,10 +56,24 @@ class Host:
     coupling: float
     impedance: np.complex128
     modes: tuple[tuple[float, float], ...] = ()
+    beside: Mapping[int, Host] = field(default_factory=dict)
 
     @classmethod
     def of(cls, view: LinearView) -> Host:
         """Host at the centre of the view's operation."""
+        host = cls._alone(view)
+        if len(view.taken) == 1:
+            return host
+        bare = replace(view.transducer, hysteresis=None, effects=())  # which are not those of further electrodes
+        views = {n: replace(view, transducer=bare.swapped(n), amplitude=None, taken=(0,)) for n in view.taken[1:]}
+        return replace(host, beside={n: cls._alone(each) for n, each in views.items()})
+
+    def at(self, shunt: Shunt, name: str) -> Host:
+        """The host of the circuit that has a field by this name: of the others at their own electrodes."""
+        return self.beside.get(owner(shunt, name)[0].electrode, self)
+
+    @classmethod
+    def _alone(cls, view: LinearView) -> Host:
         transducer = view.transducer
         frequency = view.operation.centre(transducer)
         found = resonances(transducer)
@@ -87,10 +104,13 @@ def starts(draft: Draft, host: Host) -> list[Start]:
 
 def scales(draft: Draft, host: Host) -> dict[str, float]:
     """Typical value of every free part, by its unit: from the impedance of the capacitance at the frequency."""
-    c, w = host.capacitance, host.omega
-    # A dc voltage is anything: from one volt the search region reaches from 0.1 mV to 10 kV.
-    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0, "": 0.0}
-    return {name: scale[unit_at(draft.shunt, name)] for name in draft.free}
+    w, found = host.omega, {}
+    for name in draft.free:
+        c = host.at(draft.shunt, name).capacitance
+        # A dc voltage is anything: from one volt the search region reaches from 0.1 mV to 10 kV.
+        scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0, "": 0.0}
+        found[name] = scale[unit_at(draft.shunt, name)]
+    return found
 
 
 def _resistor(host: Host, _: LinearShunt) -> list[Start]:

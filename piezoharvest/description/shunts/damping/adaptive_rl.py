@@ -9,7 +9,9 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_choice, described, quantity
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import LinearShunt, Shunt
+from piezoharvest.description.shunts.linear.parallel_rl import ParallelRL
+from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 
 RANGE = 2.0  # largest inductance over that of the beginning, and that over the smallest, where none are given
 
@@ -72,6 +74,20 @@ class AdaptiveRL(Shunt):
         """Smallest and largest g = L_0/L."""
         smallest = 1 / RANGE if self.max_inductance is None else self.inductance / self.max_inductance
         return smallest, RANGE if self.min_inductance is None else self.inductance / self.min_inductance
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """The resistance: what the coil is at the beginning does not count where it has adapted itself."""
+        return ("resistance",)
+
+    def settled(self, capacitance: float, omega: float) -> LinearShunt:
+        smallest, largest = (self.inductance / share for share in reversed(self.span))
+        parts = {
+            "inductance": np.clip(1.0 / (omega**2 * capacitance), smallest, largest),
+            "resistance": self.resistance,
+        }
+        kind = SeriesRL if self.topology == "series" else ParallelRL
+        return kind(**parts, electrode=self.electrode, others=self.others)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         # Sizes at which the relative rate of adaptation would be that of the filter.

@@ -24,11 +24,11 @@ class SSDI(CoredSwitch):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         closed = configuration == "closed"
-        current = self.coil_current(closed, port.v, port, z)
-        return [port.i - current, self.coil_equation(closed, port.v, port, z, dz)]
+        current = self.cored_current(closed, port.v, port, z)
+        return [port.i - current, self.cored_equation(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return {"shunt_loss": self.coil_losses(configuration == "closed", port.v, port, z)}
+        return {"shunt_loss": self.cored_losses(configuration == "closed", port.v, port, z)}
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"

@@ -21,7 +21,7 @@ class SSDS(EmptyingSwitch):
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Ching, Proc. SPIE 3672, 104-111, 1999"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return () if self.at_once else (State("current", self.inductance),)
+        return () if self.at_once else (State("current", self.loop(capacitance)[0]),)
 
     def configurations(self) -> tuple[str, ...]:
         return ("linear",) if self.at_once else ("open", "closed")

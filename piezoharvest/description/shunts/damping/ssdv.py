@@ -32,15 +32,15 @@ class SSDV(CoredSwitch):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
         drive = self._drive(sign, port)
-        current = self.coil_current(bool(sign), drive, port, z)
-        return [port.i - current, self.coil_equation(bool(sign), drive, port, z, dz)]
+        current = self.cored_current(bool(sign), drive, port, z)
+        return [port.i - current, self.cored_equation(bool(sign), drive, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)
         drive = self._drive(sign, port)
-        current = self.coil_current(bool(sign), drive, port, z)
+        current = self.cored_current(bool(sign), drive, port, z)
         return {
-            "shunt_loss": self.coil_losses(bool(sign), drive, port, z),
+            "shunt_loss": self.cored_losses(bool(sign), drive, port, z),
             "source": [Product(-sign * self.source_voltage, port.one, current)],
         }
 

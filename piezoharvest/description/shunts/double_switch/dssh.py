@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.bridge import sign_of
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class DSSH(InductiveSwitch):
+class DSSH(CoredSwitch):
     """A series SSHI charges an intermediate capacitor, whose energy then goes to the load at once.
 
     The first switch stays closed for half a damped period of the coil with C, which is longer than the swing with the
@@ -40,24 +40,27 @@ class DSSH(InductiveSwitch):
         return ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        sign = sign_of(configuration)
-        drive = sign * self._excess(sign, port, z) - 2.0 * self.diode_resistance * z.current
-        loop = self.loop_equation(bool(sign), drive, port, z, dz)
-        charging = self.intermediate_capacitance * dz.intermediate - sign * z.current
-        return [port.i - self.loop_current(bool(sign), port, z), loop, charging]
+        sign, drive, line = self._drive(configuration, port, z)
+        current = self.cored_current(bool(sign), drive, port, z, line)
+        loop = self.cored_equation(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, loop, self.intermediate_capacitance * dz.intermediate - sign * current]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        sign, resistance = sign_of(configuration), self.loop(port.capacitance)[1] + 2.0 * self.diode_resistance
-        drops = Product(2.0 * self.diode_drop * sign, port.one, z.current)
-        return {"shunt_loss": [Product(resistance, z.current, z.current), drops]}
+        sign, drive, line = self._drive(configuration, port, z)
+        current = self.cored_current(bool(sign), drive, port, z, line)
+        drops = [Product(2.0 * self.diode_drop * sign, port.one, current), Product(line, current, current)]
+        return {"shunt_loss": [*self.cored_losses(bool(sign), drive, port, z, line), *drops]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        sign = sign_of(configuration)
+        sign, drive, line = self._drive(configuration, port, z)
         if configuration == "open":
             return []
         if sign:
-            return [Guard(-sign * z.current, "closed", "current")]
-        return [Guard(self._excess(s, port, z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
+            current = self.cored_current(True, drive, port, z, line)
+            return [Guard(-sign * current, "closed", "current" if self.core_resistance is None else None)]
+        return [
+            Guard(self._excess(s, port, z) + s * self.in_core(z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))
+        ]
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"
@@ -72,3 +75,8 @@ class DSSH(InductiveSwitch):
     def _excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage in excess of what the diodes conduct at."""
         return sign * port.v - z.intermediate - 2.0 * self.diode_drop * port.one
+
+    def _drive(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row, Any]:
+        """Sign of the conducting diodes, voltage across the coil with what resists in line, and that resistance."""
+        sign = sign_of(configuration)
+        return sign, sign * self._excess(sign, port, z), 2.0 * self.diode_resistance

@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.staged import StagedFlip, position_of
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 Steps = Literal[3, 1, 2, 4, 5, 6, 7, 8]
 # A bias capacitance where none is given, over C: as good as the constant source that it stands for, as the power then
@@ -19,7 +19,7 @@ STIFFNESS = 1e5
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiasFlip(InductiveSwitch, StagedFlip):
+class BiasFlip(CoredSwitch, StagedFlip):
     """Bridge, and a coil through which the voltage swings in `steps` half periods about bias voltages.
 
     A step lasts for half a damped period of its own loop, longer or shorter by `on_time_error`.
@@ -77,10 +77,10 @@ class BiasFlip(InductiveSwitch, StagedFlip):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         position, bias = position_of(configuration), self._bias_capacitance(port.capacitance)
         connected, side = self._capacitor(position)
-        drive = port.v - (side * getattr(z, f"bias_{connected}") if connected else 0.0)
-        loop = self.loop_equation(position != "open", drive, port, z, dz)
+        loop = self.cored_equation(position != "open", self._drive(position, port, z), port, z, dz)
+        current = self.switched_current(position, port, z)
         charging = [
-            bias * getattr(dz, f"bias_{k}") - (side * z.current if k == connected else 0.0)
+            bias * getattr(dz, f"bias_{k}") - (side * current if k == connected else 0.0)
             for k in range(1, self.steps // 2 + 1)
         ]
         _, rectified = self.bridge(configuration, port, z)
@@ -89,11 +89,17 @@ class BiasFlip(InductiveSwitch, StagedFlip):
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         powers = self.bridge_powers(self.bridge(configuration, port, z)[1], port, z)
         powers["shunt_loss"] += self.leads_loss(port, z)
-        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
+        position = position_of(configuration)
+        powers["shunt_loss"] += self.cored_losses(position != "open", self._drive(position, port, z), port, z)
         return powers
 
     def switched_current(self, position: str, port: Port, z: SimpleNamespace) -> Row:
-        return self.loop_current(position != "open", port, z)
+        return self.cored_current(position != "open", self._drive(position, port, z), port, z)
+
+    def _drive(self, position: str, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage across the coil in a position of the switch."""
+        connected, side = self._capacitor(position)
+        return port.v - side * getattr(z, f"bias_{connected}") if connected else port.v
 
     def _bias_capacitance(self, capacitance: float) -> Any:
         return STIFFNESS * capacitance if self.bias_capacitance is None else self.bias_capacitance

@@ -24,7 +24,7 @@ class Doubler(Rectifier):
     Raises
     ------
     ParameterError
-        Diodes leak beside a smoothing resistance, with which no formula is written here.
+        Diodes leak, or a supply is fed, beside a smoothing resistance, with which no formula is written here.
     """
 
     kind: ClassVar[str] = "doubler"
@@ -46,6 +46,9 @@ class Doubler(Rectifier):
 
     def _check_smoothing_resistance(self) -> None:
         super()._check_smoothing_resistance()
+        if self.storage is not None:
+            found = f"found {np.max(self.smoothing_resistance):g} ohm beside a table storage"
+            raise ParameterError("smoothing_resistance", f"{found}, one of the two must be absent in a doubler")
         if np.any(np.real(self.diode_leakage)):
             found = f"found {np.max(self.smoothing_resistance):g} ohm together with a diode_leakage"
             raise ParameterError("smoothing_resistance", f"{found}, one of the two must be 0 in a doubler")
@@ -60,12 +63,12 @@ class Doubler(Rectifier):
         inside = 0.5 * (self.dc_side(port, z) + sign * self._difference(port, z))
         if not np.any(self.smoothing_resistance):
             return inside
-        return inside - self.smoothing_resistance * self._all_conductance * self._divided(z.dc)
+        return inside - self.smoothing_resistance * self._all_conductance * self.divided(z.dc)
 
     def resistance(self, sign: int) -> Any:
         if not np.any(self.smoothing_resistance):
             return self.path_resistance
-        taken = self._divided(self.smoothing_resistance * self._all_conductance)  # of a current, by the load
+        taken = self.divided(self.smoothing_resistance * self._all_conductance)  # of a current, by the load
         return self.path_resistance + self.smoothing_resistance * (1.0 - taken)
 
     def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
@@ -86,7 +89,11 @@ class Doubler(Rectifier):
         rectified = sign_of(configuration) * self.forward(port, z)
         powers = self.bridge_powers(0.5 * rectified, port, z)
         leaks = [*self.dc_loss(self.terminal(0.5 * rectified, port, z)), *self.leads_loss(port, z)]
-        powers["shunt_loss"] = [*self.path_loss(rectified, port), *leaks, *self.capacitor_loss(0.5 * rectified, z)]
+        powers["shunt_loss"] = [
+            *self.path_loss(rectified, port),
+            *leaks,
+            *self.capacitor_loss(0.5 * rectified, port, z),
+        ]
         if np.any(self.smoothing_resistance):  # beside their mean current the capacitors have half of the lead's each
             powers["shunt_loss"].append(Product(0.25 * self.dc_resistance, port.i, port.i))
         return powers

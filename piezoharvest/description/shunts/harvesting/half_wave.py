@@ -37,7 +37,7 @@ class HalfWave(Rectifier):
     def resistance(self, sign: int) -> Any:
         if sign < 0:
             return self.path_resistance
-        return self.path_resistance + self._share * self._divided(self.dc_resistance)
+        return self.path_resistance + self._share * self.divided(self.dc_resistance)
 
     def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
         return dz.dc if sign > 0 and self.dc_voltage is None else 0.0 * port.one
@@ -55,7 +55,7 @@ class HalfWave(Rectifier):
         sign = sign_of(configuration)
         charging = self._charging(sign, port, z)
         powers, dc = self.bridge_powers(charging, port, z), self.terminal(charging, port, z)
-        lost = [*self.path_loss(self._through(sign, port, z), port), *self.capacitor_loss(charging, z)]
+        lost = [*self.path_loss(self._through(sign, port, z), port), *self.capacitor_loss(charging, port, z)]
         if np.any(self.diode_leakage):
             lost += [Product(self.diode_leakage, row, row) for row in (port.v, port.v - dc)]
         powers["shunt_loss"] = [*self.dc_loss(dc), *lost]
@@ -67,7 +67,7 @@ class HalfWave(Rectifier):
     @property
     def _share(self) -> Any:
         """Of the current of the series diode's straight line that arrives at the capacitor, as it leaks the less."""
-        return 1.0 / (1.0 + self.diode_leakage * self._divided(self.dc_resistance))
+        return 1.0 / (1.0 + self.diode_leakage * self.divided(self.dc_resistance))
 
     def _backwards(self, port: Port, z: SimpleNamespace) -> Row:
         """Current through the series diode, towards the dc side, while it blocks."""

@@ -33,14 +33,14 @@ class ParallelSSHI(CoredSwitch, StartedSwitch):
             port_equation = self.conduction(sign, rectified, port, z, dz)
         else:
             port_equation = self.forward(port, z) - self._loop(configuration, port, z)
-        loop = self.coil_equation(configuration.startswith("closed"), port.v, port, z, dz)
+        loop = self.cored_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
         powers["shunt_loss"] += self.leads_loss(port, z)
-        powers["shunt_loss"] += self.coil_losses(configuration.startswith("closed"), port.v, port, z)
+        powers["shunt_loss"] += self.cored_losses(configuration.startswith("closed"), port.v, port, z)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -53,7 +53,7 @@ class ParallelSSHI(CoredSwitch, StartedSwitch):
         return configuration.replace("closed", "open")
 
     def _loop(self, configuration: str, port: Port, z: SimpleNamespace) -> Row:
-        return self.coil_current(configuration.startswith("closed"), port.v, port, z)
+        return self.cored_current(configuration.startswith("closed"), port.v, port, z)
 
     def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""

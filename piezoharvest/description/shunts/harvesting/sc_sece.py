@@ -60,7 +60,7 @@ class SCSECE(InductiveSwitch, Extraction):
         return {"shunt_loss": [short, *self.coil_losses(configuration, port, z)]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return self.coil_guards(configuration, z)
+        return self.coil_guards(configuration, port, z)
 
     def closed(self, configuration: str, polarity: int) -> str:
         return f"extract{'-' if polarity > 0 else '+'}"

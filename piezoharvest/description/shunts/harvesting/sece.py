@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.extraction import Extraction
 from piezoharvest.description.shunts.switching import EmptyingSwitch
 
@@ -23,10 +24,20 @@ class SECE(EmptyingSwitch, Extraction):
     With `inductance` and `quality` of the coil with C the switch stays closed until the loop alone would have emptied
     the electrodes, longer or shorter by `on_time_error`; then the energy of the coil goes to the load. That error
     and `diode_resistance` are of no effect without a coil. A `phase_lag` is the phase of phase-shifted SECE.
+
+    Raises
+    ------
+    ParameterError
+        A core is given without a coil.
     """
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.at_once and self.core_resistance is not None:
+            raise ParameterError("core_resistance", "found without an inductance, whose core it is of: give both")
 
     def coil(self, capacitance: float) -> tuple[Any, Any]:
         return self.loop(capacitance)
@@ -47,7 +58,7 @@ class SECE(EmptyingSwitch, Extraction):
         return {} if self.at_once else {"shunt_loss": self.coil_losses(configuration, port, z)}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return [] if self.at_once else self.coil_guards(configuration, z)
+        return [] if self.at_once else self.coil_guards(configuration, port, z)
 
     def closed(self, configuration: str, polarity: int) -> str:
         # The voltage is lowest at a maximum of sum T_i x_i.

@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.bridge import Bridge, sign_of
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeriesSSHI(InductiveSwitch, Bridge):
+class SeriesSSHI(CoredSwitch, Bridge):
     """Switch, inductance and rectifier in one loop: charge flows to the dc side only while the switch is closed.
 
     The leads are open but while the switch is closed: what its diodes conduct backwards then is left out, as it is
@@ -29,23 +29,35 @@ class SeriesSSHI(InductiveSwitch, Bridge):
         return ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        sign = sign_of(configuration)
-        drive = sign * self.excess(sign, port, z) - self.resistance(sign) * z.current
-        loop = self.loop_equation(bool(sign), drive, port, z, dz)
-        return [port.i - self.loop_current(bool(sign), port, z), loop, *self.dc_equations(sign * z.current, z, dz)]
+        sign, drive, line = self._drive(configuration, port, z)
+        current = self.cored_current(bool(sign), drive, port, z, line)
+        loop = self.cored_equation(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, loop, *self.dc_equations(sign * current, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        powers = self.bridge_powers(sign_of(configuration) * z.current, port, z)
-        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
+        sign, drive, line = self._drive(configuration, port, z)
+        powers = self.bridge_powers(sign * self.cored_current(bool(sign), drive, port, z, line), port, z)
+        powers["shunt_loss"] += self.cored_losses(bool(sign), drive, port, z, line)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        sign, drive, line = self._drive(configuration, port, z)
         if configuration == "open":
             return []
-        return diode_guards(self, configuration, sign_of(configuration) * z.current, port, z, cut="current")
+        if sign:
+            current = self.cored_current(True, drive, port, z, line)
+            return [Guard(-sign * current, "closed", "current" if self.core_resistance is None else None)]
+        return [
+            Guard(self.excess(s, port, z) + s * self.in_core(z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))
+        ]
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"
 
     def opened(self, configuration: str) -> str:
         return "open"
+
+    def _drive(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row, Any]:
+        """Sign of the conducting diodes, voltage across the coil with what resists in line, and that resistance."""
+        sign = sign_of(configuration)
+        return sign, sign * self.excess(sign, port, z), self.resistance(sign)

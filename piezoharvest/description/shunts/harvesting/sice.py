@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.extraction import Extraction
-from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.shunts.switching import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SICE(InductiveSwitch, Extraction):
+class SICE(CoredSwitch, Extraction):
     """The voltage is inverted at a minimum of sum T_i x_i, and at the maximum that follows its charge is extracted.
 
     Extracted are then 2 (1 + q) V_oc instead of twice 2 V_oc a period by SECE: up to twice the energy. Both use a coil
@@ -40,16 +40,16 @@ class SICE(InductiveSwitch, Extraction):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         inverts = configuration == "invert"
-        current = self.loop_current(inverts, port, z) + self.coil_current(configuration, port, z)
-        loop = self.loop_equation(inverts, port.v, port, z, dz)
+        current = self.cored_current(inverts, port.v, port, z) + self.coil_current(configuration, port, z)
+        loop = self.cored_equation(inverts, port.v, port, z, dz)
         return [port.i - current, loop, self.coil_equation(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        loop = Product(self.loop(port.capacitance)[1], z.current, z.current)
-        return {"shunt_loss": [loop, *self.coil_losses(configuration, port, z)]}
+        inverting = self.cored_losses(configuration == "invert", port.v, port, z)
+        return {"shunt_loss": [*inverting, *self.coil_losses(configuration, port, z)]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return self.coil_guards(configuration, z)
+        return self.coil_guards(configuration, port, z)
 
     def closed(self, configuration: str, polarity: int) -> str:
         # The voltage is lowest at a maximum.

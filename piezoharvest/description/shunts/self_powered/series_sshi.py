@@ -42,6 +42,6 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
         powers = self.bridge_powers(rectified, port, z)
         # The drops of the bridge are those of the breaker's path, too, and counted there.
         lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(self.terminal(rectified, port, z))]
-        lost += self.capacitor_loss(rectified, z)
+        lost += self.capacitor_loss(rectified, port, z)
         powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z)]
         return powers

@@ -1,0 +1,158 @@
+"""Coils with a core loss in switched circuits: the loop by itself as a matrix exponential, and ngspice."""
+
+import math
+
+import numpy as np
+import pytest
+from messages import is_sentence
+from oracles.ngspice import needs_ngspice
+from scipy.linalg import expm
+from scipy.optimize import brentq
+from studies import BENCH
+
+from piezoharvest import SineForce, System, Transducer, simulate
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import DSSH, ESSH, SCSECE, SECE, SICE, BiasFlip, ParallelSSHI, SeriesSSHI
+from piezoharvest.spice.simulators.comparison import compare
+
+# So weakly coupled (k_e^2 = 1e-12) that no shunt can change the displacement; flips of a 1e-5th of the period.
+FREQUENCY, CAPACITANCE, COUPLING = 20.0, 40e-9, 2e-7
+OMEGA = 2 * math.pi * FREQUENCY
+DRIVE = SineForce(amplitude=100.0, frequency=FREQUENCY)
+STIFF = Transducer(mass=0.63, damping=480.0, stiffness=1e6, coupling=COUPLING, capacitance=CAPACITANCE)
+V_OC = COUPLING * 100.0 / abs(1e6 - 0.63 * OMEGA**2 + 480j * OMEGA) / CAPACITANCE
+QUALITY = 6.0
+INDUCTANCE = (1e-5 / FREQUENCY / math.pi) ** 2 * (1 - 0.25 / QUALITY**2) / CAPACITANCE
+ROOT = math.sqrt(INDUCTANCE / CAPACITANCE)
+RESISTANCE, CORE = ROOT / QUALITY, 5.0 * ROOT
+COIL = {"inductance": INDUCTANCE, "quality": QUALITY, "core_resistance": CORE}
+DECAY = RESISTANCE / (2 * INDUCTANCE)
+DAMPED = math.sqrt(1 / (INDUCTANCE * CAPACITANCE) - DECAY**2)  # the switch is timed as without a core
+SWING, EMPTYING = math.pi / DAMPED, (0.5 * math.pi + math.atan(DECAY / DAMPED)) / DAMPED
+
+
+def loop(line=0.0, opposing=math.inf):
+    """Rates of the voltage, of the current of L and of the voltage u of a capacitor in line, and the current's row."""
+    # i = (v - u + R_c i_L)/(R + R_c); C v' = -i, L i_L' = R_c (i - i_L), C_2 u' = i.
+    through = np.array([1.0, CORE, -1.0]) / (RESISTANCE + line + CORE)
+    return np.array([-through / CAPACITANCE, CORE * (through - [0, 1, 0]) / INDUCTANCE, through / opposing]), through
+
+
+def after(time, state, **parts):
+    return expm(loop(**parts)[0] * time) @ state
+
+
+def power(shunt):
+    response = simulate(System(STIFF, shunt), DRIVE)
+    assert response.converged, response.message
+    assert abs(response.energy["closure"]) < 1e-10
+    return response.harvested_power
+
+
+LEFT, HELD, _ = after(EMPTYING, [1.0, 0.0, 0.0])  # voltage and current that extraction from one volt leaves
+HELD *= HELD * INDUCTANCE / CAPACITANCE  # share of the energy
+INVERTED = -after(SWING, [1.0, 0.0, 0.0])[0]
+
+
+def test_extraction():
+    voltage = 2 * V_OC / (1 + LEFT)  # of what is left strain takes its part before the next one
+    wanted = 2 * FREQUENCY * HELD * CAPACITANCE * voltage**2 / 2
+    assert power(SECE(**COIL)) == pytest.approx(wanted, rel=1e-5, abs=0)
+    assert 0.3 < HELD < 0.7
+
+
+def test_extraction_from_an_inverted_voltage():
+    voltage = 2 * V_OC * (1 + INVERTED) / (1 + INVERTED * LEFT)
+    wanted = FREQUENCY * HELD * CAPACITANCE * voltage**2 / 2
+    assert power(SICE(**COIL)) == pytest.approx(wanted, rel=1e-5, abs=0)
+
+
+def test_bias_flip_of_one_step_inverts_as_the_loop():
+    voltage = 0.8 * V_OC
+    wanted = 2 * FREQUENCY * voltage * CAPACITANCE * (2 * V_OC - voltage * (1 - INVERTED))
+    for shunt in (BiasFlip(steps=1, dc_voltage=voltage, **COIL), ParallelSSHI(dc_voltage=voltage, **COIL)):
+        assert power(shunt) == pytest.approx(wanted, rel=1e-5, abs=0)
+
+
+def test_bias_flips():
+    """Three steps about b, 0 and -b, b being where the first takes as much charge as the last one gives back."""
+    period = expm(loop()[0] * SWING)
+
+    def swing(begins, bias):
+        return bias + (period @ [begins - bias, 0.0, 0.0])[0]
+
+    def unequal(bias):
+        first = swing(1.0, bias)
+        second = swing(first, 0.0)
+        return (1.0 - first) - (second - swing(second, -bias))
+
+    bias = brentq(unequal, 0.0, 1.0)
+    inverted = -swing(swing(swing(1.0, bias), 0.0), -bias)
+    voltage = 0.8 * V_OC
+    wanted = 2 * FREQUENCY * voltage * CAPACITANCE * (2 * V_OC - voltage * (1 - inverted))
+    found = power(BiasFlip(steps=3, dc_voltage=voltage, **COIL))
+    assert found == pytest.approx(wanted, rel=1e-4, abs=0)
+    assert inverted > INVERTED + 0.1
+
+
+@pytest.mark.parametrize("line", [0.0, 0.1 * ROOT])
+def test_series_loop_ends_where_its_current_does(line):
+    """From V to -W about a dc voltage, until the current through the diodes is zero; V = W + 2 V_oc."""
+    dc, drop = 0.4 * V_OC, 0.05 * V_OC
+
+    def ends(voltage):
+        state, through = np.array([voltage - dc - 2 * drop, 0.0, 0.0]), loop(line)[1]
+        last = brentq(lambda t: through @ after(t, state, line=line), 0.3 * SWING, 1.2 * SWING)
+        return after(last, state, line=line)[0] + dc + 2 * drop
+
+    voltage = brentq(lambda v: v + ends(v) - 2 * V_OC, V_OC, 20 * V_OC)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (voltage - ends(voltage))
+    shunt = SeriesSSHI(dc_voltage=dc, diode_drop=drop, diode_resistance=line / 2, **COIL)
+    assert power(shunt) == pytest.approx(wanted, rel=1e-5, abs=0)
+
+
+def test_double_switch():
+    """The same into a capacitor, whose energy is what is harvested."""
+    between = 3 * CAPACITANCE
+    through = loop(opposing=between)[1]
+
+    def ends(voltage):
+        state = np.array([voltage, 0.0, 0.0])
+        last = brentq(lambda t: through @ after(t, state, opposing=between), 0.3 * SWING, 1.2 * SWING)
+        return after(last, state, opposing=between)
+
+    voltage = brentq(lambda v: v + ends(v)[0] - 2 * V_OC, V_OC, 20 * V_OC)
+    wanted = 2 * FREQUENCY * between * ends(voltage)[2] ** 2 / 2
+    assert power(DSSH(intermediate_capacitance=between, on_time_error=0.3, **COIL)) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_a_core_without_a_coil_is_refused():
+    with pytest.raises(ParameterError) as caught:
+        SECE(core_resistance=1e4)
+    assert caught.value.key == "core_resistance"
+    assert is_sentence(caught.value.message)
+
+
+REAL = {"inductance": 0.1, "quality": 5.0, "core_resistance": 1e4}
+SIDE = {"smoothing_capacitance": 1e-7, "load_resistance": 5e5}
+SECOND = {"second_inductance": 0.02, "second_quality": 20.0, "residual": 0.5}
+CIRCUITS = {
+    "series_sshi": SeriesSSHI(**REAL, **SIDE, diode_drop=0.1),
+    "sece": SECE(**REAL, efficiency=0.9, diode_drop=0.05, diode_resistance=50.0),
+    "sc_sece": SCSECE(**REAL, short_time=2e-3),
+    "sice": SICE(**REAL),
+    "dssh": DSSH(**REAL, intermediate_capacitance=120e-9, diode_drop=0.05, diode_resistance=50.0),
+    # With 1e4 ohm, as all others, ngspice ends with "timestep too small".
+    "essh": ESSH(**{**REAL, "core_resistance": 3e4}, intermediate_capacitance=120e-9, **SECOND),
+    "bias_flip": BiasFlip(**REAL, **SIDE, steps=3, bias_capacitance=4e-7),
+}
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("kind", CIRCUITS)
+def test_against_ngspice(kind):
+    figures, trusted = compare(System(Transducer(**BENCH), CIRCUITS[kind]), SineForce(amplitude=0.02, frequency=50.6))
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure
