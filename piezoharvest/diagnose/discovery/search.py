@@ -89,7 +89,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     progress : callable
     """
     misfit = mean_square(start)
-    if problem.needs_engine and misfit > thresholds.LARGE_MISFIT:
+    if problem.needs_engine and misfit > 1e9:
         # Its fits would be far from their starts, and take an hour.
         progress("too far off for a law to be sought behind diodes and switches: give nearer nominal values")
         return None
@@ -116,7 +116,9 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
     with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
     found = [(each, [each]) for each in with_memory]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
-        smooth = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
+        # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
+        smoother = [] if problem.needs_engine else _smoother(problem, start, table)
+        smooth = min((table, *smoother), key=lambda each: each.evidence)
         found.append((smooth, ranked(problem, smooth)))
     return min(found, key=lambda each: each[1][0].criterion)
 
