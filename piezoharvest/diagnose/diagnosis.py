@@ -325,7 +325,11 @@ def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> D
         more = _explained(found, progress)
         if more is not None:
             return more
-    steps = tuple((EffectChange(law.found), -2.0 * odds) for law, odds in others)
+    best: dict[tuple[str, ...], tuple[EffectChange, float]] = {}
+    for law, odds in others:
+        step = EffectChange(law.found)
+        best.setdefault(step.effects, (step, -2.0 * odds))
+    steps = tuple(best.values())
     told_by = "; ".join(effect.told_by for effect in search.order if effect.told_by) or None
     return replace(
         found, verdict="ambiguous", alternatives=tuple(step.effects for step, _ in steps), told_by=told_by,

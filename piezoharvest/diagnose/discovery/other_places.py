@@ -1,7 +1,7 @@
 """Whether laws without a name at other places are about as likely as small known effects, which are then not certain.
 
 Of a large effect at a wrong place enough is left for residual tests to see; of a small one it is lost in the noise. The
-effects are compared with free laws by their evidence, as laws at different places are.
+effects are compared with free laws by their evidence, as laws at different places are, but with better odds beforehand.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def rivals(
             law = fitted(problem, start, each.law, each.visited, each.smoothness.deviation)
             if law is None or not law.found.converged or not takes_energy(problem, law, start.cost - law.found.cost):
                 continue
-            odds = 0.5 * (start.cost - law.evidence - gain)
+            odds = 0.5 * (start.cost - law.evidence - gain) - thresholds.PRIOR_LOG_ODDS
             progress(f"a law at {law.place.name} instead, of {law.place.input}: logarithm of the odds {odds:+.1f}")
             found += [(law, odds)] if odds > -thresholds.MIN_LOG_ODDS else []
     return sorted(found, key=lambda pair: -pair[1])
@@ -86,6 +86,6 @@ def _promising(problem: Problem, start: Fit, gain: float, taken: set[str]) -> li
     forms = [(place, table_for(place, visited[place.input])) for place in places]
     laws = [Law(place=place, form=form) for place, form in forms if form is not None]
     scored = [score(problem, start, law, visited[law.place.input]) for law in laws]
-    enough = thresholds.MIN_EXCHANGE_SCORE * gain - 2.0 * thresholds.MIN_LOG_ODDS
+    enough = thresholds.MIN_EXCHANGE_SCORE * (gain + 2.0 * (thresholds.PRIOR_LOG_ODDS - thresholds.MIN_LOG_ODDS))
     close = [each for each in scored if each is not None and each.gain > max(enough, MIN_SCORE)]
     return sorted(close, key=lambda each: -each.gain)[:FITS]

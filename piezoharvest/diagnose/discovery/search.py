@@ -89,10 +89,6 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     progress : callable
     """
     misfit = mean_square(start)
-    if problem.needs_engine and misfit > 1e9:
-        # Its fits would be far from their starts, and take an hour.
-        progress("too far off for a law to be sought behind diodes and switches: give nearer nominal values")
-        return None
     scored = _scored(problem, start)
     chosen = promising(scored, misfit)
     done = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)

@@ -29,12 +29,14 @@ from piezoharvest.description.effects.nameless.forms import (
 )
 from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.problem import Problem
 
 SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
+TRUSTED = 0.5  # share of what a formula is off its table by that it is off in the model, too, at the least
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
@@ -71,8 +73,11 @@ def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
     tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
     for each in candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else ():
+        best = min(one.criterion for one in tried) + thresholds.CLOSE_COST
+        if table.found.cost + TRUSTED * each.criterion > best:
+            continue
         law = dataclasses.replace(table.law, form=each.form)
-        found = fitted(problem, without_law(table), law, table.visited, aim=table.criterion)
+        found = fitted(problem, without_law(table), law, table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
 
