@@ -30,6 +30,7 @@ from piezoharvest.predict.prediction import PredictionError
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
 # Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
 ENGINE_FITS = 5
+OVER_SCORE = 2.0  # there: times its score that a fit may gain at most, unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 RIVALS = 4  # other places that are reported
 
@@ -125,10 +126,13 @@ def _alike(first: LawFit, second: LawFit) -> bool:
 
 
 def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Callable[[str], None]) -> list[LawFit]:
-    """Full fits of laws; those that will not come close to the best so far are abandoned."""
+    """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun."""
     done: list[LawFit] = []
+    most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
     for each in chosen:
         best = min((one.evidence for one in done), default=np.inf)
+        if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
+            continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
         if found is None:
             continue
