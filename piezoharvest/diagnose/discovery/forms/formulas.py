@@ -8,8 +8,9 @@ springs, contacts, diodes and friction.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -38,6 +39,10 @@ SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
 TRUSTED = 0.5  # share of what a formula is off its table by that it is off in the model, too, at the least
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
+POWER_OF_ENGINE = {
+    "pieces": 8,
+    "reach": 1.1,
+}  # there, of a power: off by a hundredth, and straight beyond what was visited
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
@@ -145,7 +150,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     if not place.bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
-    yield from _powers(size, sides)
+    yield from _powers(size, sides, POWER_OF_ENGINE if pieces < PIECES else {})
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
     for sides_of in (2, *sides):
@@ -160,7 +165,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     yield from _curves(table, size, pieces)
 
 
-def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
+def _powers(size: float, sides: list[int], coarse: Mapping[str, Any]) -> Iterator[list[Start]]:
     """Powers and polynomials, all of which have a slope."""
     for exponent in WHOLE_EXPONENTS:
         yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
@@ -168,14 +173,14 @@ def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
         make = lambda z, n=pair: Polynomial(factor=z[0], second=z[1] * z[0], scale=size, exponents=n)  # noqa: E731
         yield [(make, np.array([ratio])) for ratio in (-1.0, -0.1, 0.1, 1.0)]
     for odd in (True, False):
-        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd)  # noqa: E731
+        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd, **coarse)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
     for side in sides:
-        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s)  # noqa: E731
+        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s, **coarse)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
         for exponent in HERTZ:
             make = lambda z, n=exponent, s=side: Hertz(  # noqa: E731
-                factor=z[0], exponent=n, scale=size, odd=False, side=s
+                factor=z[0], exponent=n, scale=size, odd=False, side=s, **coarse
             )
             yield [(make, np.zeros(0))]
 
