@@ -33,9 +33,13 @@ from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING,
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.parameters import put
 
 SAMPLES = 400  # inputs at which formula and table are compared
+# Parameters of the model that are straight lines at a place.
+OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
 TRUSTED = 0.5  # share of what a formula is off its table by that it is off in the model, too, at the least
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
@@ -82,9 +86,25 @@ def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
         if table.found.cost + TRUSTED * each.criterion > best:
             continue
         law = dataclasses.replace(table.law, form=each.form)
-        found = fitted(problem, without_law(table), law, table.visited, aim=best)
+        found = fitted(problem, _beside(table, each.form), law, table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
+
+
+def _beside(table: LawFit, form: Form) -> Fit:
+    """The fit without its table, the parameter less by the straight line that a formula has, not the table.
+
+    A fit from there begins near its end; else it would have to find both at once.
+    """
+    bare, name = without_law(table), OWN.get(table.place.name)
+    transducer = bare.model.transducer
+    if name is None or (name,) not in {p.path for p in bare.model.parameters}:
+        return bare
+    value = getattr(transducer, name) - _Loss(table).line(form)
+    if not value > 0.0 and name != "coupling":
+        return bare
+    moved = dataclasses.replace(bare.model, transducer=put(transducer, (name,), value))
+    return dataclasses.replace(bare, model=moved)
 
 
 class _Loss:
@@ -115,6 +135,10 @@ class _Loss:
             kinks = (self.inverse @ np.real(form.values(self.x)) / self.size)[: len(self.kinks)]
             found = self.root @ (kinks - self.kinks)
         return np.where(np.isfinite(found), found, 1e150)
+
+    def line(self, form: Form) -> float:
+        """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
+        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
 
     def closest(self, make: Made, start: np.ndarray) -> Candidate | None:
         """The member of a family closest to the table; its first value is a factor that the law is linear in."""
