@@ -41,7 +41,7 @@ SAMPLES = 400  # inputs at which formula and table are compared
 # Parameters of the model that are straight lines at a place.
 OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
-TRUSTED = 0.5  # share of what a formula is off its table by that it is off in the model, too, at the least
+FARTHER = 4.0  # times as far from the table as the closest: a formula that is not fitted where a step is slow
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
 POWER_OF_ENGINE = {
     "pieces": 8,
@@ -81,10 +81,11 @@ def candidates(table: LawFit, pieces: int = PIECES) -> list[Candidate]:
 def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
     tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
-    for each in candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else ():
-        best = min(one.criterion for one in tried) + thresholds.CLOSE_COST
-        if table.found.cost + TRUSTED * each.criterion > best:
+    some = candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else []
+    for each in some:
+        if problem.needs_engine and each.criterion > FARTHER * some[0].criterion:
             continue
+        best = min(one.criterion for one in tried) + thresholds.CLOSE_COST
         law = dataclasses.replace(table.law, form=each.form)
         found = fitted(problem, _beside(table, each.form), law, table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
