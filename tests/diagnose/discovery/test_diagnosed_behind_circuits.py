@@ -146,3 +146,18 @@ def test_a_load_that_conducts_beyond_a_voltage_is_found_saved_and_simulated_behi
 def test_nothing_is_missing_from_healthy_records(kinds, tmp_path):
     found = diagnose(switched_campaign(tmp_path, Laws(), kinds))
     assert (found.verdict, found.discovery) == ("adequate", ()), sentence(found)
+
+
+@pytest.mark.slow
+def test_a_damper_by_the_square_of_the_velocity_is_found_behind_a_switch(tmp_path):
+    def square(u):
+        return 0.08 * np.abs(u) * u
+
+    found = diagnose(switched_campaign(tmp_path, Laws(damper=square), ("ssdi",) * 3, seed=5))
+    assert (found.verdict, found.effects) == ("new_effect", ()), sentence(found)
+    (law,) = found.discovery
+    assert (law.place, law.law.place.input, law.form) == ("damper", "velocity", "power")
+    assert law.gain > 0.9
+    exponent, std, _ = law.parameters["exponent"]
+    assert std is not None
+    assert abs(exponent - 2.0) < 3.0 * std + 0.05  # a broken line stands for it
