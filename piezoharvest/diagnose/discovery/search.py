@@ -30,7 +30,7 @@ from piezoharvest.predict.prediction import PredictionError
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
 # Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
 ENGINE_FITS = 5
-OVER_SCORE = 1.25  # there: times its score that a fit may gain at most, unless the misfit is large; of 1821 one gained 1842
+OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 RIVALS = 4  # other places that are reported
 
