@@ -282,6 +282,24 @@ class CandidateFits:
         each = (effect for data in self.problem.data for effect in begun_effects(model, data))
         return sum(n is None or effect == n for effect in each)
 
+    def parameter_count(self, found: Fit, n: int) -> int:
+        """Number of parameters of the n-th effect, nuisance parameters included."""
+        effects = found.model.transducer.effects
+        n = n % len(effects)
+        parameters = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
+        lines = sum(
+            2
+            for data in self.problem.data
+            for channel in (*data.channels, getattr(data, "drive", ""))
+            if effects[n].line(channel)
+        )
+        return parameters + lines + effects[n].scanned + self.count_begun(found.model, n)
+
+    def freedom(self, found: Fit) -> int:
+        """Number of parameters of all effects that were added, nuisance parameters included."""
+        given, count = (len(each.model.transducer.effects) for each in (self.base, found))
+        return sum(self.parameter_count(found, n) for n in range(given, count))
+
     def with_states_begun(self, now: EffectChange) -> EffectChange:
         """Full fit with free initial states of the effects, where one linearisation says that they are not at rest."""
         found = now.found

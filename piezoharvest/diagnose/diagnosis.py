@@ -15,7 +15,9 @@ from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
+from piezoharvest.diagnose.discovery.other_places import rivals
 from piezoharvest.diagnose.discovery.result import Discovery
+from piezoharvest.diagnose.discovery.search import can_search
 from piezoharvest.diagnose.discovery.verdict import explained
 from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
@@ -291,6 +293,8 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
 
     Inertia and damping may have been left out only because they stood in for the law: it is sought with them first.
     """
+    if found.verdict == "effect":
+        return _beside_other_places(found, progress)
     if found.verdict != "unexplained":
         return found
     progress("no known effect explains the residuals: looking for a law without a name")
@@ -301,6 +305,36 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
     if found.before.held:
         return _explained(_begun_anew(found, found.campaign.transducer), progress) or found
     return _explained(found, progress) or found
+
+
+def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
+    """The diagnosis, where its effects are small, held against laws without a name at other places.
+
+    A law that rules the effects out is what was missing, if it passes for one; else these records cannot tell.
+    """
+    search, problem = found.search, found.problem
+    small = search.base.cost - search.final.cost < thresholds.MAX_DOUBTED_GAIN
+    if not small or problem.needs_engine or not can_search(problem):
+        return found
+    trials = CandidateFits(problem, found.before.found, [], progress)
+    starts = [search.base] if search.before_last is search.base else [search.base, search.before_last]
+    others = rivals(problem, starts, search.final, search.order, trials.freedom, progress)
+    if not others:
+        return found
+    if others[0][1] > thresholds.MIN_LOG_ODDS:
+        more = _explained(found, progress)
+        if more is not None:
+            return more
+    best: dict[tuple[str, ...], tuple[EffectChange, float]] = {}
+    for law, odds in others:
+        step = EffectChange(law.found)
+        best.setdefault(step.effects, (step, -2.0 * odds))
+    steps = tuple(best.values())
+    told_by = "; ".join(effect.told_by for effect in search.order if effect.told_by) or None
+    return replace(
+        found, verdict="ambiguous", alternatives=tuple(step.effects for step, _ in steps), told_by=told_by,
+        search=replace(search, alternatives=steps),
+    )  # fmt: skip
 
 
 def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:

@@ -309,23 +309,10 @@ class Searcher:
         """
         last = len(after.effects) - 1
         if is_line(after.found.model.transducer.effects[-1]):
-            freedom = self._parameter_count(after.found, last)
+            freedom = self.trials.parameter_count(after.found, last)
         else:
             freedom = 1 + self.trials.count_begun(after.found.model, last)
         return min(1.0, float(chi2.sf(_deflated_gain(before, after, -1), freedom)) * len(tried))
-
-    def _parameter_count(self, found: Fit, n: int) -> int:
-        """Number of parameters of the n-th effect, nuisance parameters included."""
-        effects = found.model.transducer.effects
-        n = n % len(effects)
-        parameters = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
-        lines = sum(
-            2
-            for data in self.trials.problem.data
-            for channel in (*data.channels, getattr(data, "drive", ""))
-            if effects[n].line(channel)
-        )
-        return parameters + lines + effects[n].scanned + self.trials.count_begun(found.model, n)
 
     def _prune(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Remove effects that are no longer significant, and exchange those that another explains better."""
@@ -336,7 +323,7 @@ class Searcher:
             if less is None:
                 n += 1
                 continue
-            p_value = float(chi2.sf(_deflated_gain(less, now, n), self._parameter_count(now.found, n)))
+            p_value = float(chi2.sf(_deflated_gain(less, now, n), self.trials.parameter_count(now.found, n)))
             if p_value > thresholds.SEARCH_LEVEL:
                 self.trials.progress(f"{now.effects[n]} is no longer needed")
                 now, levels = less, self._p_values_without(levels, n)

@@ -155,7 +155,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.discovery:
         return _verdict_of_laws(diagnosis)
     if diagnosis.verdict == "ambiguous":
-        others = " or ".join(" and ".join(map(_words, some)) for some in diagnosis.alternatives)
+        others = " or ".join(" and ".join(map(_other, some)) for some in diagnosis.alternatives)
         return f"The model lacks {names}, or else {others}: these records cannot distinguish them."
     verb = "was" if len(diagnosis.effects) == 1 else "were"
     found = f" {names[0].upper()}{names[1:]} {verb} found in addition." if names else ""
@@ -190,6 +190,12 @@ def _at(place: str) -> str:
 def _described(named: Named) -> str:
     label = label_of(named.effect)
     return _words(named.effect.name) + (f" ({label})" if label else "")
+
+
+def _other(name: str) -> str:
+    """An effect of an alternative in words, or a law without a name, whose name is "place form"."""
+    place, _, form = name.partition(" ")
+    return f"a law at {_at(place)}" if form else _words(name)
 
 
 def _words(name: str) -> str:

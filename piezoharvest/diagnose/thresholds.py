@@ -210,6 +210,16 @@ MIN_LEFT = Threshold(
     decides="squares of unseen records above those of noise, relative to these, from which on a second law is sought",
     source="choice: a tenth of the variance of noise is no more than its estimate may be off",
 )
+PRIOR_LOG_ODDS = Threshold(
+    4.6,
+    decides="logarithm of the odds of a known effect over a law without a name at one place, before there is any data",
+    source="choice: thirty places share what is left to laws without a name, and the library holds the usual effects",
+)
+MAX_DOUBTED_GAIN = Threshold(
+    1e3,
+    decides="gain of all effects in -2 ln L up to which laws at other places are held against them",
+    source="theory: of more, the few per cent that a wrong place leaves fail a residual test",
+)
 LARGE_MISFIT = Threshold(
     100.0,
     decides="mean square of the whitened residual from which on scores of places mean little, and each is fitted",

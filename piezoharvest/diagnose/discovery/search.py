@@ -30,6 +30,7 @@ from piezoharvest.predict.prediction import PredictionError
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
 # Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
 ENGINE_FITS = 5
+OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 RIVALS = 4  # other places that are reported
 
@@ -89,10 +90,6 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     progress : callable
     """
     misfit = mean_square(start)
-    if problem.needs_engine and misfit > thresholds.LARGE_MISFIT:
-        # Its fits would be far from their starts, and take an hour.
-        progress("too far off for a law to be sought behind diodes and switches: give nearer nominal values")
-        return None
     scored = _scored(problem, start)
     chosen = promising(scored, misfit)
     done = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
@@ -116,7 +113,9 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
     with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
     found = [(each, [each]) for each in with_memory]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
-        smooth = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
+        # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
+        smoother = [] if problem.needs_engine else _smoother(problem, start, table)
+        smooth = min((table, *smoother), key=lambda each: each.evidence)
         found.append((smooth, ranked(problem, smooth)))
     return min(found, key=lambda each: each[1][0].criterion)
 
@@ -127,10 +126,13 @@ def _alike(first: LawFit, second: LawFit) -> bool:
 
 
 def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Callable[[str], None]) -> list[LawFit]:
-    """Full fits of laws; those that will not come close to the best so far are abandoned."""
+    """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun."""
     done: list[LawFit] = []
+    most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
     for each in chosen:
         best = min((one.evidence for one in done), default=np.inf)
+        if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
+            continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
         if found is None:
             continue

@@ -27,8 +27,8 @@ from piezoharvest.diagnose.discovery.law_fits import law_parameters
 from piezoharvest.diagnose.discovery.result import discovery
 from piezoharvest.equations.terms import Terms
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.growing_fit import growing_fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.setting import circuit_setting
@@ -167,7 +167,7 @@ def found_in(campaign, monkeypatch, places=PLACES):
     )
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, ())
     model = Model(campaign.transducer, tuple(parameters_of(campaign.transducer, {"force"})), ())
-    return searching.search(problem, fit(problem, model), lambda text: None)
+    return searching.search(problem, growing_fit(problem, model), lambda text: None)
 
 
 HIDDEN = {

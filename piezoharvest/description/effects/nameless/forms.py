@@ -233,6 +233,8 @@ class Power(Form):
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     odd: bool = True
     side: int = 0  # 1: above zero only; -1: below it; 0: both
+    pieces: int = PIECES  # on each side, of a broken line in its place where the engine needs one
+    reach: float = REACH  # to which that goes, of the input of reference
 
     def values(self, x: np.ndarray) -> Array:
         size = (self.side * np.asarray(x) if self.side else np.abs(x)) / self.scale
@@ -259,7 +261,7 @@ class Power(Form):
 
     def _broken(self, specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
         """The same as a broken line, with corners that are close together where the power is most curved."""
-        knots = np.linspace(0.0, 1.0, PIECES + 1) ** 2 * REACH
+        knots = np.linspace(0.0, 1.0, self.pieces + 1) ** 2 * self.reach
         kinks = numbers_of(np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0))
         both = [side * knot for side in self._sides for knot in knots[:-1]]  # -0.0 begins a piece below zero
         return broken_line(

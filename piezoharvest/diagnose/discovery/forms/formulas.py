@@ -8,8 +8,9 @@ springs, contacts, diodes and friction.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,13 +30,23 @@ from piezoharvest.description.effects.nameless.forms import (
 )
 from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.parameters import put
 
 SAMPLES = 400  # inputs at which formula and table are compared
+# Parameters of the model that are straight lines at a place.
+OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
+FARTHER = 4.0  # times as far from the table as the closest: a formula that is not fitted where a step is slow
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
+POWER_OF_ENGINE = {
+    "pieces": 8,
+    "reach": 1.1,
+}  # there, of a power: off by a hundredth, and straight beyond what was visited
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
@@ -70,11 +81,31 @@ def candidates(table: LawFit, pieces: int = PIECES) -> list[Candidate]:
 def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
     tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
-    for each in candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else ():
+    some = candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else []
+    for each in some:
+        if problem.needs_engine and each.criterion > FARTHER * some[0].criterion:
+            continue
+        best = min(one.criterion for one in tried) + thresholds.CLOSE_COST
         law = dataclasses.replace(table.law, form=each.form)
-        found = fitted(problem, without_law(table), law, table.visited, aim=table.criterion)
+        found = fitted(problem, _beside(table, each.form), law, table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
+
+
+def _beside(table: LawFit, form: Form) -> Fit:
+    """The fit without its table, the parameter less by the straight line that a formula has, not the table.
+
+    A fit from there begins near its end; else it would have to find both at once.
+    """
+    bare, name = without_law(table), OWN.get(table.place.name)
+    transducer = bare.model.transducer
+    if name is None or (name,) not in {p.path for p in bare.model.parameters}:
+        return bare
+    value = getattr(transducer, name) - _Loss(table).line(form)
+    if not value > 0.0 and name != "coupling":
+        return bare
+    moved = dataclasses.replace(bare.model, transducer=put(transducer, (name,), value))
+    return dataclasses.replace(bare, model=moved)
 
 
 class _Loss:
@@ -105,6 +136,10 @@ class _Loss:
             kinks = (self.inverse @ np.real(form.values(self.x)) / self.size)[: len(self.kinks)]
             found = self.root @ (kinks - self.kinks)
         return np.where(np.isfinite(found), found, 1e150)
+
+    def line(self, form: Form) -> float:
+        """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
+        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
 
     def closest(self, make: Made, start: np.ndarray) -> Candidate | None:
         """The member of a family closest to the table; its first value is a factor that the law is linear in."""
@@ -140,7 +175,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     if not place.bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
-    yield from _powers(size, sides)
+    yield from _powers(size, sides, POWER_OF_ENGINE if pieces < PIECES else {})
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
     for sides_of in (2, *sides):
@@ -155,7 +190,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     yield from _curves(table, size, pieces)
 
 
-def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
+def _powers(size: float, sides: list[int], coarse: Mapping[str, Any]) -> Iterator[list[Start]]:
     """Powers and polynomials, all of which have a slope."""
     for exponent in WHOLE_EXPONENTS:
         yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
@@ -163,14 +198,14 @@ def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
         make = lambda z, n=pair: Polynomial(factor=z[0], second=z[1] * z[0], scale=size, exponents=n)  # noqa: E731
         yield [(make, np.array([ratio])) for ratio in (-1.0, -0.1, 0.1, 1.0)]
     for odd in (True, False):
-        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd)  # noqa: E731
+        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd, **coarse)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
     for side in sides:
-        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s)  # noqa: E731
+        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s, **coarse)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
         for exponent in HERTZ:
             make = lambda z, n=exponent, s=side: Hertz(  # noqa: E731
-                factor=z[0], exponent=n, scale=size, odd=False, side=s
+                factor=z[0], exponent=n, scale=size, odd=False, side=s, **coarse
             )
             yield [(make, np.zeros(0))]
 

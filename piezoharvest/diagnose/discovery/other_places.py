@@ -1,0 +1,91 @@
+"""Whether laws without a name at other places are about as likely as small known effects, which are then not certain.
+
+Of a large effect at a wrong place enough is left for residual tests to see; of a small one it is lost in the noise. The
+effects are compared with free laws by their evidence, as laws at different places are, but with better odds beforehand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.knots import table_for
+from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, fitted, score
+from piezoharvest.diagnose.discovery.passivity import takes_energy
+from piezoharvest.diagnose.discovery.places import places_of
+from piezoharvest.diagnose.discovery.search import MIN_SCORE
+from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.problem import Problem
+
+FITS = 3  # places with the highest scores that are fitted in full
+# Places at which a known effect acts: a free law there is the same effect with more freedom.
+PLACES = {
+    "stiffening": ("spring",), "friction": ("spring",), "creep": ("spring",), "leakage": ("electrodes",),
+    "bias_current": ("electrodes",), "dielectric_relaxation": ("capacitor", "electrodes"),
+    "voltage_dependent_capacitance": ("capacitor",), "nonlinear_coupling": ("coupling",),
+    "coupling_drift": ("parameter.coupling",), "load_error": ("load",),
+    "contact_compliance": ("reading.displacement",), "displacement_lag": ("reading.displacement",),
+    "channel_skew": ("reading.voltage", "reading.current"),
+}  # fmt: skip
+
+
+def places_of_effect(effect: Effect) -> tuple[str, ...]:
+    """Names of the places at which a known effect acts; none for one of a circuit or of a user."""
+    channel = getattr(effect, "channel", None)
+    return (f"reading.{channel}",) if channel is not None else PLACES.get(effect.name, ())
+
+
+def rivals(
+    problem: Problem, starts: Sequence[Fit], final: Fit, known: Sequence[Effect], freedom: Callable[[Fit], int],
+    progress: Callable[[str], None],
+) -> list[tuple[LawFit, float]]:  # fmt: skip
+    """Laws at other places that are not ruled out beside known effects, the likeliest first.
+
+    Parameters
+    ----------
+    problem : Problem
+    starts : sequence of Fit
+        Without some of the effects, in whose place a law may stand.
+    final : Fit
+        With all of them.
+    known : sequence of Effect
+        The effects.
+    freedom : callable
+        Number of parameters of the effects of a fit.
+    progress : callable
+
+    Returns
+    -------
+    list of (LawFit, float)
+        With the logarithm of the odds against the effects.
+    """
+    taken = {place for effect in known for place in places_of_effect(effect)}
+    found: list[tuple[LawFit, float]] = []
+    for start in starts:
+        price = (freedom(final) - freedom(start)) * np.log(sum(float(sums.count.sum()) for sums in start.sums))
+        gain = start.cost - final.cost - price
+        for each in _promising(problem, start, gain, taken):
+            law = fitted(problem, start, each.law, each.visited, each.smoothness.deviation)
+            if law is None or not law.found.converged or not takes_energy(problem, law, start.cost - law.found.cost):
+                continue
+            odds = 0.5 * (start.cost - law.evidence - gain) - thresholds.PRIOR_LOG_ODDS
+            progress(f"a law at {law.place.name} instead, of {law.place.input}: logarithm of the odds {odds:+.1f}")
+            found += [(law, odds)] if odds > -thresholds.MIN_LOG_ODDS else []
+    return sorted(found, key=lambda pair: -pair[1])
+
+
+def _promising(problem: Problem, start: Fit, gain: float, taken: set[str]) -> list[Scored]:
+    """Tables at places that no effect has, whose scores come near to the gain of the effects, the highest first."""
+    visited = visited_inputs(problem, start)
+    places = [place for place in places_of(problem, visited) if place.name not in taken]
+    forms = [(place, table_for(place, visited[place.input])) for place in places]
+    laws = [Law(place=place, form=form) for place, form in forms if form is not None]
+    scored = [score(problem, start, law, visited[law.place.input]) for law in laws]
+    enough = thresholds.MIN_EXCHANGE_SCORE * (gain + 2.0 * (thresholds.PRIOR_LOG_ODDS - thresholds.MIN_LOG_ODDS))
+    close = [each for each in scored if each is not None and each.gain > max(enough, MIN_SCORE)]
+    return sorted(close, key=lambda each: -each.gain)[:FITS]
