@@ -360,6 +360,25 @@ class CandidateFits:
         )
         return again or now
 
+    def restarted(self, now: EffectChange) -> EffectChange:
+        """The fit, or where much is left a better one with its effects that starts at the nominal values.
+
+        What was fitted without an effect that dominates the misfit may lie in another minimum.
+        """
+        count = sum(float(sums.count.sum()) for sums in now.found.sums)
+        if excess_of(now.found) < count * thresholds.MUCH_LEFT:
+            return now
+        model, transducer = now.found.model, now.found.model.transducer
+        for parameter in model.parameters:
+            if parameter.path[0] != "effects":
+                transducer = put(transducer, parameter.path, value_at(self.problem.nominal, parameter.path))
+        again = self._fit(replace(model, transducer=transducer), now.found.nuisance, now.found, aim=now.fair_cost)
+        if again is None or again.cost > now.cost - thresholds.MIN_IMPROVEMENT:
+            return now
+        self.progress("a fit from the nominal values comes closer")
+        self.remember(again)
+        return again
+
     def with_freed_parameters(self, at_nominal: EffectChange, now: EffectChange) -> EffectChange | None:
         """Full fit from another step's values with all parameters of `now` free."""
         model = replace(at_nominal.found.model, parameters=now.found.model.parameters)

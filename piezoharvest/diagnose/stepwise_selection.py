@@ -193,7 +193,7 @@ class Searcher:
                 trials.progress(f"{after.effects[-1]} only led to a better minimum, which does not need it")
                 return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
         trials.progress(f"found {', '.join(after.effects)}")
-        settled = trials.redetermine(trials.with_states_begun(trials.begun_as_shown(after)))
+        settled = trials.restarted(trials.redetermine(trials.with_states_begun(trials.begun_as_shown(after))))
         after, levels = self._prune(settled, [*found.levels, level])
         return _SearchState(*self._with_nominal_values(after), levels, alternatives if better is None else [])
 

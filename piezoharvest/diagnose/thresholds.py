@@ -220,6 +220,12 @@ MAX_DOUBTED_GAIN = Threshold(
     decides="gain of all effects in -2 ln L up to which laws at other places are held against them",
     source="theory: of more, the few per cent that a wrong place leaves fail a residual test",
 )
+MUCH_LEFT = Threshold(
+    1.0,
+    decides="excess of the squared residuals per sample from which on a fit is begun at the nominal values, too",
+    source="theory: as much is left as there is noise, which no minimum near the right one leaves",
+    steady=(0.2, 20.0),
+)
 LARGE_MISFIT = Threshold(
     100.0,
     decides="mean square of the whitened residual from which on scores of places mean little, and each is fitted",
