@@ -224,7 +224,6 @@ MUCH_LEFT = Threshold(
     1.0,
     decides="excess of the squared residuals per sample from which on a fit is begun at the nominal values, too",
     source="theory: as much is left as there is noise, which no minimum near the right one leaves",
-    steady=(0.2, 20.0),
 )
 LARGE_MISFIT = Threshold(
     100.0,
