@@ -194,7 +194,7 @@ class TestFiles:
 
     def test_a_directory(self, tmp_path):
         (tmp_path / "run.csv").mkdir()
-        assert "folder" in failure(tmp_path / "run.csv", "x").message
+        assert "directory" in failure(tmp_path / "run.csv", "x").message
 
     @pytest.mark.parametrize("name", ["run.docx", "run"])
     def test_unknown_ending(self, tmp_path, name):
