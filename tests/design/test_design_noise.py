@@ -52,7 +52,7 @@ def test_power_of_white_noise_is_all_accounted_for(host):
 
 def test_what_does_not_die_out_has_no_mean_square(host):
     for system in (System(host(0.05, 60), Open()), System(host(0.0), LOAD)):
-        with pytest.raises(ParameterError, match="does not die out"):
+        with pytest.raises(ParameterError, match="does not decay"):
             white_noise_response(system, PSD)
 
 

@@ -214,4 +214,4 @@ def test_a_lag_of_many_extrema_is_followed_or_refused(periods, followed, transie
     """Two extrema a period: four actions wait within two periods, five or six within 2.6."""
     found = solve(bench({"kind": "ssdi", **LOOP, "time_lag": periods * PERIOD}), transient=transient)
     assert found.converged == followed
-    assert ("more than 4 actions of the switch wait" in found.message) != followed
+    assert ("more than 4 actions of the switch are pending" in found.message) != followed
