@@ -54,6 +54,7 @@ def values_of(shunt):
     return np.log([each for one in (shunt, *shunt.others) for each in (one.inductance, one.resistance)])
 
 
+@pytest.mark.slow
 def test_both_coils_are_tuned_for_the_least_peak(run):
     """As good as the best of many searches by a simplex from random values, and each figure as these equations say."""
     band = (40.0, 120.0)
@@ -191,6 +192,7 @@ def test_parts_of_a_series_at_each(run):
     assert set(found.parts.values) == {"inductance", "resistance", "others.0.inductance", "others.0.resistance"}
 
 
+@pytest.mark.slow
 def test_front_between_power_and_damping(run):
     found = run(TWO, 51.0, shunts=(BOTH,), candidates=("series_rl",), objective="trade_off")
     first, last = found.trade_off[0], found.trade_off[-1]
