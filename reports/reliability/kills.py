@@ -74,7 +74,7 @@ def _killed(command: str, folder: Path, after: float, how: signal.Signals, whole
         return f"given again it ends with {again.returncode}: {again.stderr.decode(errors='replace').strip()[-200:]}"
     now = _written(folder)
     if how == signal.SIGKILL:  # which no program can answer: what was under way stays, under its hidden name
-        now = {name: found for name, found in now.items() if not name.startswith(".")}
+        now = {name: found for name, found in now.items() if not Path(name).name.startswith(".")}
     if now.keys() != whole.keys():
         return f"given again it leaves other files: {sorted(now.keys() ^ whole.keys())}"
     other = [name for name in whole if not _same(name, now, whole)]
