@@ -8,7 +8,7 @@ import pytest
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import diagnose
-from piezoharvest.identify import identification, identify
+from piezoharvest.identify import growing_fit, identify
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.start_values.multistart import fit_multistart
 from piezoharvest.records import CampaignError, load_campaign
@@ -106,7 +106,7 @@ def test_a_first_fit_away_from_the_jumps_of_the_voltage(tmp_path):
 @pytest.mark.slow
 def test_a_second_start_with_the_circuit_as_its_label_says(tmp_path, monkeypatch):
     """Without the above."""
-    monkeypatch.setattr(identification, "fit_past_jumps", fit_multistart)
+    monkeypatch.setattr(growing_fit, "fit_past_jumps", fit_multistart)
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
     assert "another start: circuits with their nominal values" in told
