@@ -60,7 +60,7 @@ EffectFiles = Annotated[
 ]  # fmt: skip
 
 
-class Dialect(StrEnum):
+class NetlistDialect(StrEnum):
     """Programs that read netlists."""
 
     NGSPICE = "ngspice"
@@ -288,7 +288,7 @@ def export(
         int | None, typer.Option(metavar="N", min=0, help="Number of the shunt in the study, from 0.", show_default="0")
     ] = None,
     dialect: Annotated[
-        Dialect | None, typer.Option(help="Write for one simulator only.", show_default="both at once")
+        NetlistDialect | None, typer.Option(help="Write for one simulator only.", show_default="both at once")
     ] = None,
     diodes: Annotated[
         str | None,
@@ -307,7 +307,7 @@ def export(
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
-    if out.suffix.lower() == ".asc" and dialect is not Dialect.LTSPICE:
+    if out.suffix.lower() == ".asc" and dialect is not NetlistDialect.LTSPICE:
         raise typer.BadParameter("a schematic (.asc) is written with --dialect ltspice", param_hint="--out")
     from piezoharvest.cli import export_command
 

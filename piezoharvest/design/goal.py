@@ -19,7 +19,7 @@ _TOLERANCE = 1e-6
 SMALLEST_FIGURE = 1e-30  # W or m, in place of zero under a logarithm
 
 
-class Figures(NamedTuple):
+class DesignFigures(NamedTuple):
     """Figures of a shunt in the operation of the design.
 
     Attributes
@@ -87,7 +87,7 @@ class Goal:
             limits.append(shorted * 10 ** (-abs(self.options.min_attenuation_db) / 20))
         return min(limits)
 
-    def excess(self, figures: Figures) -> dict[str, float]:
+    def excess(self, figures: DesignFigures) -> dict[str, float]:
         """Logarithm of each limited figure over its limit; negative where the limit is kept."""
         o, found = self.options, {}
         if o.max_voltage is not None:
@@ -109,7 +109,7 @@ class Goal:
         ]  # fmt: skip
         return np.reshape([slope for limit, slope in found if limit is not None], (-1, len(level)))
 
-    def violated(self, figures: Figures, shunt: Shunt, capacitance: float) -> tuple[str, ...]:
+    def violated(self, figures: DesignFigures, shunt: Shunt, capacitance: float) -> tuple[str, ...]:
         """Names of the limits that are violated; a figure that is not a number violates its limit."""
         broken = [name for name, by in self.excess(figures).items() if not by <= _TOLERANCE]
         limit = self.options.max_inductance
@@ -117,7 +117,7 @@ class Goal:
             broken.append("max_inductance")
         return tuple(broken)
 
-    def score(self, figures: Figures) -> float:
+    def score(self, figures: DesignFigures) -> float:
         """The objective alone, smaller is better: logarithm of displacement, or of one over power."""
         return _log(figures.displacement_amplitude) if self.damping else -_log(figures.harvested_power)
 
@@ -125,13 +125,13 @@ class Goal:
         """Derivatives (n,) of `score`."""
         return slopes.displacement_amplitude if self.damping else -slopes.harvested_power
 
-    def agree(self, first: Figures, second: Figures, within: float) -> bool:
+    def agree(self, first: DesignFigures, second: DesignFigures, within: float) -> bool:
         """True if two sets of figures agree within so many e-folds, and are on the same side of each limit."""
         a, b = ([self.score(f), *self.excess(f).values()] for f in (first, second))
         sides = [(x > _TOLERANCE) == (y > _TOLERANCE) for x, y in zip(a[1:], b[1:], strict=True)]
         return bool(np.allclose(a, b, rtol=0, atol=within)) and all(sides)
 
-    def merit(self, figures: Figures) -> float:
+    def merit(self, figures: DesignFigures) -> float:
         """The number that every tuning minimises: objective plus a penalty on limits that are exceeded."""
         beyond = sum(max(0.0, by + MARGIN) for by in self.excess(figures).values())
         untrusted = 0.0 if figures.converged else PENALTY

@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Goal, Slopes
+from piezoharvest.design.goal import SMALLEST_FIGURE, DesignFigures, Goal, Slopes
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.places import value_at, with_values
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
@@ -145,15 +145,15 @@ class LinearView:
             return float("inf")
         return found if np.isfinite(found) else float("inf")
 
-    def figures(self, shunt: Shunt) -> Figures:
+    def figures(self, shunt: Shunt) -> DesignFigures:
         """Figures by the linear two-port, with exact peaks."""
         power, displacement, voltage = self.levels(shunt, self.grid(shunt))
         return self._figures(power, np.max(displacement), np.max(voltage))
 
-    def _figures(self, power: Any, displacement: Any, voltage: Any) -> Figures:
+    def _figures(self, power: Any, displacement: Any, voltage: Any) -> DesignFigures:
         with np.errstate(divide="ignore"):
             attenuation = 20 * float(np.log10(displacement / self.shorted))
-        return Figures(float(power), float(displacement), float(voltage), attenuation)
+        return DesignFigures(float(power), float(displacement), float(voltage), attenuation)
 
     def survey(self, shunt: Shunt) -> np.ndarray:
         """Frequencies in Hz at which shunts that resemble one are compared: all over the band, dense at its peaks."""
@@ -162,12 +162,12 @@ class LinearView:
             return self.operation.frequencies[:1]
         return np.unique(np.concatenate((self._first_grid(shunt, band), self.grid(shunt))))
 
-    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[Figures]:
+    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[DesignFigures]:
         """Figures of each of a batch of designs, its peaks as high as they are at the frequencies of a grid (Hz)."""
         power, displacement, voltage = self.levels(batch, grid)
         return [self._figures(*each) for each in zip(power, displacement.max(-1), voltage.max(-1), strict=True)]
 
-    def tangent(self, shunt: Shunt, parts: Sequence[str]) -> tuple[Figures, Slopes]:
+    def tangent(self, shunt: Shunt, parts: Sequence[str]) -> tuple[DesignFigures, Slopes]:
         """Figures of a shunt and their derivatives by the logarithms of its parts, where the peaks are.
 
         A peak's height changes as the response at its frequency does.

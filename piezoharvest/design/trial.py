@@ -17,7 +17,7 @@ from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.design.broadband.expectation import NoiseExpectation
 from piezoharvest.design.drafts import ANGLES
-from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
+from piezoharvest.design.goal import SMALLEST_FIGURE, DesignFigures, Slopes
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate, simulate_many
@@ -35,7 +35,7 @@ _NOISE_SHARE = 0.08  # of that for the expectation of one candidate: most of twe
 _TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
 
-Tangent = tuple[Figures, Slopes]
+Tangent = tuple[DesignFigures, Slopes]
 
 
 @dataclass
@@ -55,14 +55,14 @@ class Trial:
     view: LinearView
     simulations: int = 0
     left: int = DESIGN_WORK
-    _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
+    _known: dict[tuple[Shunt, bool], DesignFigures] = field(default_factory=dict)
     _tangents: dict[tuple, Tangent] = field(default_factory=dict)
 
     def merit(self, shunt: Shunt) -> float:
         """The merit that every tuning by simulation minimises."""
         return self.view.goal.merit(self.figures(shunt))
 
-    def figures(self, shunt: Shunt, *, complete: bool = False) -> Figures:
+    def figures(self, shunt: Shunt, *, complete: bool = False) -> DesignFigures:
         """Figures of a shunt, cached; without `complete` only those that the goal needs."""
         key = (shunt, complete)
         if key not in self._known:
@@ -121,7 +121,7 @@ class Trial:
             levels[name] = float(share @ each)
             slopes[name] = steps @ (share @ [g.by[name] for g in found]) / max(levels[name], SMALLEST_FIGURE)
         attenuation = self._attenuation(levels["displacement_amplitude"], complete=False)
-        return Figures(**levels, attenuation_db=attenuation), Slopes(**slopes)
+        return DesignFigures(**levels, attenuation_db=attenuation), Slopes(**slopes)
 
     def _attenuation(self, displacement: float, *, complete: bool) -> float:
         """Attenuation against the short circuit in dB, where it is asked for."""
@@ -164,9 +164,9 @@ class Trial:
         finally:
             self.left -= allowed - budget.left
 
-    def _alone(self, shunt: Shunt, complete: bool) -> Figures:
+    def _alone(self, shunt: Shunt, complete: bool) -> DesignFigures:
         r = self._simulate(shunt, complete)
-        found = Figures(r.harvested_power, r.displacement_amplitude, r.voltage_amplitude, float(r.attenuation_db),
+        found = DesignFigures(r.harvested_power, r.displacement_amplitude, r.voltage_amplitude, float(r.attenuation_db),
                         r.converged, r.message, r)  # fmt: skip
         return self._expected(shunt, found) if complete and self._noise else found
 
@@ -175,7 +175,7 @@ class Trial:
         """True under stationary noise: expectations count, not what one realisation happens to be."""
         return hasattr(self.view.operation.excitation, "psd")
 
-    def _expected(self, shunt: Shunt, found: Figures) -> Figures:
+    def _expected(self, shunt: Shunt, found: DesignFigures) -> DesignFigures:
         """Figures of a realisation with the expectations under noise in their place, as far as there are any."""
         noise = NoiseExpectation(self.view)
         allowed = max(min(self.left, int(DESIGN_WORK * _NOISE_SHARE)), 0)
@@ -189,7 +189,7 @@ class Trial:
         attenuation = 20 * float(np.log10(level / self.shorted))
         return found._replace(displacement_amplitude=level, attenuation_db=attenuation)
 
-    def _over_band(self, shunt: Shunt, complete: bool) -> Figures:
+    def _over_band(self, shunt: Shunt, complete: bool) -> DesignFigures:
         """Mean power at the nodes of a quadrature; displacement at its worst peak."""
         goal, power, found = self.view.goal, 0.0, {}
         if complete or not goal.damping or goal.options.min_power is not None:
@@ -204,7 +204,7 @@ class Trial:
         failed = [r for r in responses if not r.converged]
         told = next((r.message for r in (*failed, *responses) if r.message), "")
         voltage = max(r.voltage_amplitude for r in responses)
-        return Figures(power, worst.displacement_amplitude, voltage, attenuation, not failed, told, worst)
+        return DesignFigures(power, worst.displacement_amplitude, voltage, attenuation, not failed, told, worst)
 
     def _close_in(self, shunt: Shunt, complete: bool, found: dict[float, Response]) -> None:
         """Add simulations over the band that converge on the peaks of the goal's quantities."""

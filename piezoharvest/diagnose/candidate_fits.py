@@ -19,7 +19,15 @@ from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
 from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
-from piezoharvest.identify.fitting.output_error import covariance, excess_of, fit, inflation, inverse, linearised
+from piezoharvest.identify.fitting.output_error import (
+    covariance,
+    excess_of,
+    fit,
+    inflation,
+    inverse,
+    linearised,
+    mean_square,
+)
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of, starts_as_shown
 from piezoharvest.identify.growing_fit import growing_fit
 from piezoharvest.identify.identifiability import size_of, undetermined
@@ -365,8 +373,7 @@ class CandidateFits:
 
         What was fitted without an effect that dominates the misfit may lie in another minimum.
         """
-        count = sum(float(sums.count.sum()) for sums in now.found.sums)
-        if excess_of(now.found) < count * thresholds.MUCH_LEFT:
+        if mean_square(now.found) < 1.0 + thresholds.MUCH_LEFT:
             return now
         model, transducer = now.found.model, now.found.model.transducer
         for parameter in model.parameters:

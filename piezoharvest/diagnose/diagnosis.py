@@ -19,7 +19,7 @@ from piezoharvest.diagnose.discovery.other_places import rivals
 from piezoharvest.diagnose.discovery.result import Discovery
 from piezoharvest.diagnose.discovery.search import can_search
 from piezoharvest.diagnose.discovery.verdict import explained
-from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
+from piezoharvest.diagnose.experiments.planning import PlannedRecord, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
 from piezoharvest.diagnose.preparation.held_values import identified
 from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
@@ -191,7 +191,7 @@ class Diagnosis(Shown):
         return self.plan.sentence if self.plan is not None else self.told_by
 
     @cached_property
-    def plan(self) -> Plan | None:
+    def plan(self) -> PlannedRecord | None:
         """The planned record that would tell most, within the limits of the bench that the campaign shows or states.
 
         Between alternatives; where something is left unexplained between the last effect and none, or the two that
@@ -208,7 +208,7 @@ class Diagnosis(Shown):
         plans = (planner.for_parameter(parameter) for parameter in open_)
         return next((plan for plan in plans if plan and plan.after < thresholds.MAX_RELATIVE_ERROR), None)
 
-    def plan_for(self, name: str | None = None) -> Plan | None:
+    def plan_for(self, name: str | None = None) -> PlannedRecord | None:
         """The planned record for a parameter, or without a name `plan`, or else that for the least certain parameter.
 
         Raises

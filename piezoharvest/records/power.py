@@ -48,7 +48,7 @@ class Energy:
 
 
 @dataclass(frozen=True, eq=False)
-class Power:
+class PortPower:
     """Power at one port over a record, and its energies.
 
     Attributes
@@ -74,14 +74,14 @@ class PowerAnalysis:
         Of the cycles, s.
     velocity : (n,) array
         Filtered, m/s.
-    mechanical, electrical : Power
+    mechanical, electrical : PortPower
         Absorbed by the specimen, and delivered to the load.
     """
 
     boundaries: np.ndarray
     velocity: np.ndarray
-    mechanical: Power
-    electrical: Power
+    mechanical: PortPower
+    electrical: PortPower
 
 
 def analyse(
@@ -123,8 +123,8 @@ def analyse(
     mechanical = _mechanical(signals["force"], velocity, noise["force"], noise["displacement"], low_pass, step)
     electrical = _electrical(signals["voltage"], signals["current"], noise["voltage"], noise["current"])
 
-    def power(port: _PortPower) -> Power:
-        return Power(port.power, _energy(port, time, boundaries), _energy(port, time, time[[0, -1]]))
+    def power(port: _PortPower) -> PortPower:
+        return PortPower(port.power, _energy(port, time, boundaries), _energy(port, time, time[[0, -1]]))
 
     return PowerAnalysis(boundaries, velocity, power(mechanical), power(electrical))
 

@@ -35,7 +35,7 @@ from piezoharvest.design.operation import operation_of
 from piezoharvest.design.parts.worst_case import WorstCase, objective_of
 from piezoharvest.design.robust.box import Box
 from piezoharvest.design.robust.certificate.enclosure import Enclosure
-from piezoharvest.design.robust.certificate.forms import Form
+from piezoharvest.design.robust.certificate.forms import AffineForm
 from piezoharvest.design.robust.certificate.search import GAP, certify
 from piezoharvest.design.robust.space import ToleranceSpace
 from piezoharvest.design.robust.specimen import region_of
@@ -282,7 +282,7 @@ class TestForms:
     def test_enclosures_hold(self, radius):
         rng = np.random.default_rng(1)
         centre, half = rng.uniform(0.8, 1.2, (5, 3)), np.full((5, 3), radius)
-        x, y, z = (Form.coordinate(centre, half, n) for n in range(3))
+        x, y, z = (AffineForm.coordinate(centre, half, n) for n in range(3))
         formed = [x * y * z + x * (1 + 2j), (x * y).inverse() * z, (x + 1j * y).real_product(z * 1j + x)]
         for u in rng.uniform(-1, 1, (200, 3)):
             a, b, c = (centre + u * half).T
@@ -296,7 +296,7 @@ class TestForms:
     def test_rest_falls_with_the_square(self):
         rests = []
         for radius in (0.1, 0.01):
-            x = Form.coordinate(np.ones((1, 1)), np.full((1, 1), radius), 0)
+            x = AffineForm.coordinate(np.ones((1, 1)), np.full((1, 1), radius), 0)
             rests.append(float((x * x).inverse().rest[0]))
         assert 80 < rests[0] / rests[1] < 200
 

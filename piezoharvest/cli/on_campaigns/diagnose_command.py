@@ -17,7 +17,7 @@ from piezoharvest.output import check_file
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
     from piezoharvest.diagnose.discovery.result import Discovery
-    from piezoharvest.diagnose.experiments.planning import Plan
+    from piezoharvest.diagnose.experiments.planning import PlannedRecord
     from piezoharvest.diagnose.residual_tests import ResidualTest
 
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
@@ -119,7 +119,7 @@ def _print_law(law: Discovery) -> None:
     tables.print_rows("", ["law without a name", ""], rows)
 
 
-def plan_json(plan: Plan | None) -> dict[str, Any] | None:
+def plan_json(plan: PlannedRecord | None) -> dict[str, Any] | None:
     """A planned record as a table of the JSON output: what it is for, what it is expected to tell, and the study."""
     if plan is None:
         return None

@@ -16,7 +16,7 @@ from piezoharvest.output import check_file, write_text
 from piezoharvest.study import StudyError
 
 if TYPE_CHECKING:
-    from piezoharvest.diagnose.experiments.planning import Plan
+    from piezoharvest.diagnose.experiments.planning import PlannedRecord
 
 
 def plan(path: Path, *, out: Path | None, parameter: str | None, as_json: bool) -> int:
@@ -47,7 +47,7 @@ def plan(path: Path, *, out: Path | None, parameter: str | None, as_json: bool) 
     return 0
 
 
-def study_text(best: Plan, path: Path) -> str:
+def study_text(best: PlannedRecord, path: Path) -> str:
     """The study as TOML, with what it is for in its head."""
     head = f"Planned by piezoharvest from {path.name}: {best.sentence}."
     safe = "".join(c if c.isprintable() else " " for c in head)

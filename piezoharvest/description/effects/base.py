@@ -42,8 +42,14 @@ class Effect(Component):
     # Its strength decides which events there are: it has no derivative anywhere, and values are tried instead.
     scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = ()  # see `acts_at`
     of_drive: ClassVar[bool] = False  # it depends on the amplitude or the frequency of a record's drive
     delay_path: ClassVar[tuple[str, ...]] = ("delay",)  # to the value that `late` returns
+
+    @property
+    def acts_at(self) -> tuple[str, ...]:
+        """Names of the places of laws without a name at which it acts: such a law is the effect with more freedom."""
+        return self.places
 
     def act(self, specimen: EquationBuilder) -> None:
         """Add terms to the equations of the specimen."""

@@ -18,7 +18,7 @@ from scipy.interpolate import RegularGridInterpolator
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import ANGLES, Draft
 from piezoharvest.design.front.point import TIE, nondominated
-from piezoharvest.design.goal import MARGIN, SMALLEST_FIGURE, Figures
+from piezoharvest.design.goal import MARGIN, SMALLEST_FIGURE, DesignFigures
 from piezoharvest.design.operation import mean_nodes
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region, coordinates, values_at
@@ -64,7 +64,7 @@ class SurfaceFront:
     region: Region
     best: Shunt
 
-    def designs(self) -> list[tuple[Shunt, Figures]]:
+    def designs(self) -> list[tuple[Shunt, DesignFigures]]:
         """Designs with their simulated figures, the best for harvest first; some may be dominated by others."""
         points, values = self._through(self._box())
         fine = len(self.draft.free) == 1 or self.trial.view.operation.band is None
@@ -178,14 +178,14 @@ class SurfaceFront:
             return np.max(logs, axis=1)
         return _tops(frequencies, logs[:, order])
 
-    def _judged(self, points: np.ndarray) -> list[tuple[Shunt, Figures]]:
+    def _judged(self, points: np.ndarray) -> list[tuple[Shunt, DesignFigures]]:
         """Designs (n, d) with their figures."""
         values, shorted, found = self._simulate(points), self.trial.shorted, []
         levels, voltages = np.exp(self._peaks(values.displacement)), np.exp(self._peaks(values.voltage))
         for p, power, level, voltage, converged in zip(points, values.power, levels, voltages, values.converged,
                                                        strict=True):  # fmt: skip
             attenuation = 20 * float(np.log10(level / shorted))
-            figures = Figures(float(power), float(level), float(voltage), attenuation, bool(converged))
+            figures = DesignFigures(float(power), float(level), float(voltage), attenuation, bool(converged))
             found.append((self.draft.with_values(self.region.values(p)), figures))
         return found
 

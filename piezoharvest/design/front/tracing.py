@@ -13,7 +13,7 @@ from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.front.point import Front, FrontPoint
 from piezoharvest.design.front.surface import SurfaceFront
 from piezoharvest.design.front.two_port import TwoPortFront
-from piezoharvest.design.goal import Figures
+from piezoharvest.design.goal import DesignFigures
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
@@ -56,7 +56,7 @@ class FrontTracer:
         """
         varied = any_harvests(best, self.view.transducer, 2 * np.pi / self.host.omega) and draft.free
         free = draft.free if varied else ()
-        found: list[tuple[Shunt, Figures]] = []
+        found: list[tuple[Shunt, DesignFigures]] = []
         try:
             found.extend(self._designs(draft, best) if varied else [(best, self._figures(best))])
         except ParameterError as error:
@@ -71,7 +71,7 @@ class FrontTracer:
             self.notes.append(f"{draft.kind}: {len(found) - len(kept)} designs of its front {what} and are left out")
         return Front.of(draft.kind, free, kept)
 
-    def _designs(self, draft: Draft, best: Shunt) -> Iterator[tuple[Shunt, Figures]]:
+    def _designs(self, draft: Draft, best: Shunt) -> Iterator[tuple[Shunt, DesignFigures]]:
         region = Region.of(draft, self.host, self.view.goal.options.max_inductance)
         if isinstance(best, LinearShunt):
             for shunt in TwoPortFront(self.view, draft, self.host, region, best).designs():
@@ -85,11 +85,11 @@ class FrontTracer:
                 shunt = draft.with_values({name: value})
                 yield shunt, self._figures(shunt)
 
-    def _figures(self, shunt: Shunt) -> Figures:
+    def _figures(self, shunt: Shunt) -> DesignFigures:
         """Figures by the two-port where it is exact, else by simulation."""
         if isinstance(shunt, LinearShunt) and self.view.operation.periodic and self.exact(self.view, shunt):
             return self.view.figures(shunt)
         return self.trial.figures(shunt, complete=True)
 
-    def _violates(self, shunt: Shunt, figures: Figures) -> tuple[str, ...]:
+    def _violates(self, shunt: Shunt, figures: DesignFigures) -> tuple[str, ...]:
         return self.view.goal.violated(figures, shunt, self.view.transducer.capacitance)

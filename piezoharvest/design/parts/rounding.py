@@ -18,7 +18,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.goal import DesignFigures, Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.series import Series
 from piezoharvest.design.places import value_at
@@ -150,7 +150,7 @@ class RoundedParts:
         figures = self.judge.figures(shunt)
         return self._rank(figures) + (0.0 if self._allowed(numbers) else 2 * _BROKEN)
 
-    def _rank(self, figures: Figures) -> float:
+    def _rank(self, figures: DesignFigures) -> float:
         """Merit of figures, far worse where they break a limit: penalties of tuning are too small for large steps."""
         broken = any(not by <= _LIMIT_TOLERANCE for by in self.goal.excess(figures).values())
         return self.goal.merit(figures) + _BROKEN * broken

@@ -16,7 +16,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import Figures, Goal, Slopes
+from piezoharvest.design.goal import DesignFigures, Goal, Slopes
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.trial import Trial
 
@@ -30,7 +30,7 @@ _ACCURACY = {"maxiter": 30, "ftol": 1e-9}
 class Measure(NamedTuple):
     """A number that is larger for worse figures, and its slope from theirs."""
 
-    value: Callable[[Figures], float]
+    value: Callable[[DesignFigures], float]
     slope: Callable[[Slopes], np.ndarray]
 
 
@@ -52,15 +52,15 @@ class Space(Protocol):
         """Number of samples of a first look."""
         ...
 
-    def figures(self, point: np.ndarray) -> Figures:
+    def figures(self, point: np.ndarray) -> DesignFigures:
         """Figures at a point (d,)."""
         ...
 
-    def tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+    def tangent(self, point: np.ndarray) -> tuple[DesignFigures, Slopes]:
         """Figures at a point and their slopes (d,); raises `ArithmeticError` where there are none."""
         ...
 
-    def sampled(self, points: np.ndarray) -> list[Figures]:
+    def sampled(self, points: np.ndarray) -> list[DesignFigures]:
         """Figures at points (n, d), roughly; only if `batched`."""
         ...
 
@@ -102,15 +102,15 @@ class PartsSpace:
         """Number of samples of a first look."""
         return _MOST if self.batched else _MOST_SIMULATED
 
-    def figures(self, point: np.ndarray) -> Figures:
+    def figures(self, point: np.ndarray) -> DesignFigures:
         """Figures at a point (d,)."""
         return self.judge.figures(self.shunt(point))
 
-    def tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+    def tangent(self, point: np.ndarray) -> tuple[DesignFigures, Slopes]:
         """Figures at a point and their slopes (d,)."""
         return self.judge.tangent(self.shunt(point), self.draft.free)
 
-    def sampled(self, points: np.ndarray) -> list[Figures]:
+    def sampled(self, points: np.ndarray) -> list[DesignFigures]:
         """Figures at points (n, d), by a batch on the two-port."""
         assert self.view is not None
         columns = (self._nominal * np.exp(points)).T

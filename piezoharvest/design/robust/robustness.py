@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.description.tolerance import Tolerance
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.goal import DesignFigures, Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.worst_case import Measure, WorstCase, objective_of
 from piezoharvest.design.robust.box import Box
@@ -125,7 +125,7 @@ class Robustness:
     def _measures(self) -> dict[str, Measure]:
         """What is worst: the objective, and each limit."""
         goal = self.goal
-        some = Figures(1.0, 1.0, 1.0, 0.0)
+        some = DesignFigures(1.0, 1.0, 1.0, 0.0)
         found = {"objective": objective_of(goal)}
         for n, name in enumerate(goal.excess(some)):
             found[name] = Measure(

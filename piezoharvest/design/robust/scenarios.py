@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
-from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.goal import DesignFigures, Goal
 from piezoharvest.design.linear_view import Levels, LinearView
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.robust.space import ToleranceSpace, worst_of
@@ -65,7 +65,7 @@ class ScenarioView:
         found = [v.grid(self.space.shunt_at(p, shunt)) for v, p in zip(self.views, self.points, strict=True)]
         return np.unique(np.concatenate(found))
 
-    def figures(self, shunt: Shunt) -> Figures:
+    def figures(self, shunt: Shunt) -> DesignFigures:
         """The worst of the figures at all points."""
         each = zip(self.views, self.points, strict=True)
         return worst_of(view.figures(self.space.shunt_at(p, shunt)) for view, p in each)
@@ -100,7 +100,7 @@ class ScenarioTrial:
         """Merit of the worst figures."""
         return self.view.goal.merit(self.figures(shunt))
 
-    def figures(self, shunt: Shunt) -> Figures:
+    def figures(self, shunt: Shunt) -> DesignFigures:
         """The worst of the figures at all points."""
         each = zip(self._trials, self.points, strict=True)
         return worst_of(self._spend(t, lambda t=t, p=p: t.figures(self.space.shunt_at(p, shunt))) for t, p in each)

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
-from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
+from piezoharvest.design.goal import SMALLEST_FIGURE, DesignFigures, Slopes
 from piezoharvest.design.linear_view import Levels, LinearView
 from piezoharvest.design.operation import mean_nodes, operation_of
 from piezoharvest.design.robust.box import Box
@@ -88,7 +88,7 @@ class ToleranceSpace:
         """The design, or another shunt, at a point."""
         return self.box.shunt(self.shunt if shunt is None else shunt, point, self.nominal.transducer.capacitance)
 
-    def figures(self, point: np.ndarray) -> Figures:
+    def figures(self, point: np.ndarray) -> DesignFigures:
         """Figures at a point (d,)."""
         if self.exact:
             return self.view(point).figures(self.shunt_at(point))
@@ -96,12 +96,12 @@ class ToleranceSpace:
             return self.many(self.shunt, point[None])[0]
         return self._simulated(point, complete=False)
 
-    def expected(self, point: np.ndarray) -> Figures:
+    def expected(self, point: np.ndarray) -> DesignFigures:
         """Figures at a point as they are reported: under noise expectations, not those of the realisation searched."""
         noisy = not self.exact and hasattr(self.nominal.operation.excitation, "psd")
         return self._simulated(point, complete=True) if noisy else self.figures(point)
 
-    def _simulated(self, point: np.ndarray, *, complete: bool) -> Figures:
+    def _simulated(self, point: np.ndarray, *, complete: bool) -> DesignFigures:
         trial = Trial(self.view(point), left=self.work.left)
         try:
             found = trial.figures(self.shunt_at(point), complete=complete)
@@ -109,7 +109,7 @@ class ToleranceSpace:
             self.work.left = trial.left
         return found._replace(attenuation_db=self._attenuation(found.displacement_amplitude))
 
-    def tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+    def tangent(self, point: np.ndarray) -> tuple[DesignFigures, Slopes]:
         """Figures at a point and the slopes (d,) of their logarithms along the axes."""
         if self.exact:
             return self._two_port_tangent(point)
@@ -123,7 +123,7 @@ class ToleranceSpace:
         finally:
             self.work.left = trial.left
 
-    def sampled(self, points: np.ndarray) -> list[Figures]:
+    def sampled(self, points: np.ndarray) -> list[DesignFigures]:
         """Figures at points (n, d); over a band peaks are as high as they are on a grid."""
         if not self.exact:
             return self.many(self.shunt, points)
@@ -133,7 +133,7 @@ class ToleranceSpace:
             found += self._peaks(self._levels(self.nominal, points[first : first + step], grid))
         return found
 
-    def many(self, shunt: Shunt, points: np.ndarray) -> list[Figures]:
+    def many(self, shunt: Shunt, points: np.ndarray) -> list[DesignFigures]:
         """Figures at points (n, d) by a batch of simulations; `shunt` may be a batch (n, 1) of designs.
 
         Over a band: mean power at the nodes of a quadrature, and levels on a grid.
@@ -153,7 +153,9 @@ class ToleranceSpace:
         names = ("harvested_power", "displacement_amplitude", "voltage_amplitude", "converged")
         power, displacement, voltage, converged = (columns[n].reshape(len(points), count) for n in names)
         each = zip(power @ weights, displacement.max(1), voltage.max(1), converged, strict=True)
-        return [Figures(float(p), float(x), float(v), self._attenuation(x), bool(np.all(c))) for p, x, v, c in each]
+        return [
+            DesignFigures(float(p), float(x), float(v), self._attenuation(x), bool(np.all(c))) for p, x, v, c in each
+        ]
 
     def _judged(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies in Hz and the weights of their powers in the mean; weight zero where levels are looked at."""
@@ -174,7 +176,7 @@ class ToleranceSpace:
             return len(self.nominal.operation.frequencies) + len(self.nominal.survey(self.shunt))
         return len(self._judged()[0]) if self.nominal.operation.apart else 1
 
-    def _swept_tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+    def _swept_tangent(self, point: np.ndarray) -> tuple[DesignFigures, Slopes]:
         """Figures and slopes by differences within one batch, which takes less time than gradients over a band do."""
         size = len(point)
         # Within the box, as an effect or a switch may not allow what is beyond.
@@ -185,7 +187,7 @@ class ToleranceSpace:
         spans = np.diag(steps - back)
         return found[0], Slopes(*((x[1 : size + 1] - x[size + 1 :]) / spans for x in logs))
 
-    def _two_port_tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+    def _two_port_tangent(self, point: np.ndarray) -> tuple[DesignFigures, Slopes]:
         view, count = self.view(point), len(point)
         steps = _STEP * np.diag(self.box.widths)
         points = point + np.concatenate((np.zeros((1, count)), steps, -steps))
@@ -209,9 +211,9 @@ class ToleranceSpace:
         power = np.broadcast_to(op.amplitude**2 * found.harvested_power, frequencies.shape)
         return Levels(power[:, 0], *amplitudes)
 
-    def _peaks(self, levels: Levels) -> list[Figures]:
+    def _peaks(self, levels: Levels) -> list[DesignFigures]:
         each = zip(levels.power, levels.displacement.max(-1), levels.voltage.max(-1), strict=True)
-        return [Figures(float(p), float(x), float(v), self._attenuation(x)) for p, x, v in each]
+        return [DesignFigures(float(p), float(x), float(v), self._attenuation(x)) for p, x, v in each]
 
     def _attenuation(self, displacement: Any) -> float:
         """Attenuation in dB against the nominal transducer with shorted electrodes."""
@@ -219,10 +221,10 @@ class ToleranceSpace:
             return 20 * float(np.log10(displacement / self.nominal.shorted))
 
 
-def worst_of(figures: Iterable[Figures]) -> Figures:
+def worst_of(figures: Iterable[DesignFigures]) -> DesignFigures:
     """The least power and the largest levels of several figures, which is what every limit is held against."""
-    each: Sequence[Figures] = list(figures)
-    return Figures(
+    each: Sequence[DesignFigures] = list(figures)
+    return DesignFigures(
         min(f.harvested_power for f in each), max(f.displacement_amplitude for f in each),
         max(f.voltage_amplitude for f in each), max(f.attenuation_db for f in each), all(f.converged for f in each),
         next((f.message for f in each if f.message), ""),

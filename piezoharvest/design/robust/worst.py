@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from piezoharvest.design.goal import Figures
+from piezoharvest.design.goal import DesignFigures
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RobustCase:
     ----------
     objective : str
         Key of the figure that is worst here: "harvested_power" (W) or "attenuation_db".
-    figures : Figures
+    figures : DesignFigures
         All figures in the worst corner, by simulation; attenuation is against the study's transducer, shorted.
     corner : mapping
         Deviations there: relative, the temperature's in K.
@@ -64,7 +64,7 @@ class RobustCase:
     """
 
     objective: str
-    figures: Figures
+    figures: DesignFigures
     corner: Mapping[str, float]
     certified: float | None
     gap: float | None

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import MARGIN, PENALTY, Figures, Goal
+from piezoharvest.design.goal import MARGIN, PENALTY, DesignFigures, Goal
 from piezoharvest.design.linear_view import Levels
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.tuning.region import Region
@@ -55,7 +55,7 @@ class MinimaxView(Protocol):
         """Frequencies in Hz at which levels are largest."""
         ...
 
-    def figures(self, shunt: Shunt) -> Figures:
+    def figures(self, shunt: Shunt) -> DesignFigures:
         """Figures of a shunt."""
         ...
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.goal import DesignFigures, Goal
 from piezoharvest.design.operation import mean_nodes
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import Tuned
@@ -179,7 +179,7 @@ def merits_of(goal: Goal, values: np.ndarray, shorted: float | np.ndarray) -> np
     with np.errstate(all="ignore"):
         attenuation = 20 * np.log10(displacement / shorted)
     rows = zip(power, displacement, voltage, attenuation, converged > 0, strict=True)
-    return np.array([goal.merit(Figures(*map(float, row[:4]), converged=bool(row[4]))) for row in rows])
+    return np.array([goal.merit(DesignFigures(*map(float, row[:4]), converged=bool(row[4]))) for row in rows])
 
 
 def phase_start(draft: Draft, found: list[Start]) -> Start:

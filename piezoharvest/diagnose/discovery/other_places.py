@@ -23,21 +23,6 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
 
 FITS = 3  # places with the highest scores that are fitted in full
-# Places at which a known effect acts: a free law there is the same effect with more freedom.
-PLACES = {
-    "stiffening": ("spring",), "friction": ("spring",), "creep": ("spring",), "leakage": ("electrodes",),
-    "bias_current": ("electrodes",), "dielectric_relaxation": ("capacitor", "electrodes"),
-    "voltage_dependent_capacitance": ("capacitor",), "nonlinear_coupling": ("coupling",),
-    "coupling_drift": ("parameter.coupling",), "load_error": ("load",),
-    "contact_compliance": ("reading.displacement",), "displacement_lag": ("reading.displacement",),
-    "channel_skew": ("reading.voltage", "reading.current"),
-}  # fmt: skip
-
-
-def places_of_effect(effect: Effect) -> tuple[str, ...]:
-    """Names of the places at which a known effect acts; none for one of a circuit or of a user."""
-    channel = getattr(effect, "channel", None)
-    return (f"reading.{channel}",) if channel is not None else PLACES.get(effect.name, ())
 
 
 def rivals(
@@ -50,7 +35,7 @@ def rivals(
     ----------
     problem : Problem
     starts : sequence of Fit
-        Without some of the effects, in whose place a law may stand.
+        Without some of the effects, instead of which there may be a law.
     final : Fit
         With all of them.
     known : sequence of Effect
@@ -64,7 +49,7 @@ def rivals(
     list of (LawFit, float)
         With the logarithm of the odds against the effects.
     """
-    taken = {place for effect in known for place in places_of_effect(effect)}
+    taken = {place for effect in known for place in effect.acts_at}
     found: list[tuple[LawFit, float]] = []
     for start in starts:
         price = (freedom(final) - freedom(start)) * np.log(sum(float(sums.count.sum()) for sums in start.sums))

@@ -31,7 +31,7 @@ REFINED = 3  # best records of the first look whose variants are looked at
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlannedRecord:
     """A planned record and what it is expected to tell.
 
     Attributes
@@ -108,11 +108,11 @@ class Planner:
         reach = reach_of(campaign, [data for data in problem.data if isinstance(data, Data)])
         self.bench = reach and Bench(reach, problem.nominal, final.noise, problem.offset_channels)
 
-    def for_sets(self, first: Fit, second: Fit) -> Plan | None:
+    def for_sets(self, first: Fit, second: Fit) -> PlannedRecord | None:
         """The record that separates two fitted models best; None where no record within reach does."""
         return self._separating(Known.of(first), Known.of(second))
 
-    def for_suspects(self, scored: Sequence[ScoredEffect]) -> Plan | None:
+    def for_suspects(self, scored: Sequence[ScoredEffect]) -> PlannedRecord | None:
         """The record that separates the two effects best whose scores are highest, though none of them explains all."""
         known: dict[str, Known] = {}
         for candidate in sorted(scored, key=lambda each: each.p_value):
@@ -126,7 +126,7 @@ class Planner:
                 return self._separating(*known.values())
         return None
 
-    def _separating(self, *models: Known) -> Plan | None:
+    def _separating(self, *models: Known) -> PlannedRecord | None:
         """The record that separates two models best."""
         if self.bench is None:
             return None
@@ -135,9 +135,9 @@ class Planner:
         if planned is None:
             return None
         sets = tuple(tuple(e.name for e in known.model.transducer.effects) for known in models)
-        return Plan(planned, sets, worth, "", 0.0, 0.0, self._tables(planned))
+        return PlannedRecord(planned, sets, worth, "", 0.0, 0.0, self._tables(planned))
 
-    def for_parameter(self, parameter: Parameter) -> Plan | None:
+    def for_parameter(self, parameter: Parameter) -> PlannedRecord | None:
         """The record that shrinks a parameter's standard error most; None where no record within reach does."""
         if self.bench is None:
             return None
@@ -154,7 +154,7 @@ class Planner:
         planned, best = self._best([known], worth, WELL_KNOWN**-2)
         if planned is None or not best > 1.01 * before**-2:  # by more than rounding
             return None
-        return Plan(planned, (), 0.0, parameter.name, before, best**-0.5, self._tables(planned))
+        return PlannedRecord(planned, (), 0.0, parameter.name, before, best**-0.5, self._tables(planned))
 
     def _freed(self, parameter: Parameter) -> Known:
         """The final model with one more free parameter."""

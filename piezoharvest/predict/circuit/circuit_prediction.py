@@ -32,7 +32,7 @@ from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
-from piezoharvest.predict.circuit.readings import NEEDED, Samples, read, read_more
+from piezoharvest.predict.circuit.readings import NEEDED, SampledCourse, read, read_more
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, put, stepped, value_at
@@ -286,7 +286,7 @@ class CircuitPrediction:
         devices = [device, *tangents, *[device] * (lanes - len(tangents))]
         setting = self.setting
         time = at / (setting.count - 1) if self.record_time is not None else np.zeros(len(at))
-        samples = Samples(setting.drive, self._drive_at(at), time, setting.sample_time, setting.size)
+        samples = SampledCourse(setting.drive, self._drive_at(at), time, setting.sample_time, setting.size)
         read(devices, samples, needed, channels, values, slopes)
 
     def _drive_at(self, samples: np.ndarray) -> np.ndarray:

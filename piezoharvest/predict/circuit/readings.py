@@ -18,7 +18,7 @@ NEEDED = ("displacement", "velocity", "voltage", "current")
 OTHERS = ("acceleration", "dc_voltage", "dc_current")  # of which their own sensors alone may read a function
 
 
-class Samples(NamedTuple):
+class SampledCourse(NamedTuple):
     """What passes while samples are taken, known without a prediction.
 
     Attributes
@@ -47,14 +47,14 @@ class Readings(Numbers):
     Parameters
     ----------
     transducer : Transducer
-    samples : Samples
+    samples : SampledCourse
     true : mapping of str to (n,) array
         True values of `NEEDED` and of other channels; they may have complex steps.
     """
 
     reads = True
 
-    def __init__(self, transducer: Transducer, samples: Samples, true: Mapping[str, np.ndarray]) -> None:
+    def __init__(self, transducer: Transducer, samples: SampledCourse, true: Mapping[str, np.ndarray]) -> None:
         self.transducer, self.drive_name, self.size = transducer, samples.drive_name, samples.size
         self.x, self.u, self.v, self.i = (true[name] for name in NEEDED)
         self.further = true
@@ -139,12 +139,12 @@ def read_more(transducer: Transducer, drive_name: str) -> set[str]:
     if not transducer.effects:
         return set()
     nothing: dict[str, np.ndarray] = dict.fromkeys((*NEEDED, *OTHERS), np.zeros(1))
-    return Readings(transducer, Samples(drive_name, np.zeros(1), np.zeros(1), 1.0), nothing).channels
+    return Readings(transducer, SampledCourse(drive_name, np.zeros(1), np.zeros(1), 1.0), nothing).channels
 
 
 def read(
-    devices: Sequence[Transducer], samples: Samples, needed: tuple[np.ndarray, np.ndarray], channels: Mapping[str, int],
-    values: np.ndarray, slopes: np.ndarray,
+    devices: Sequence[Transducer], samples: SampledCourse, needed: tuple[np.ndarray, np.ndarray],
+    channels: Mapping[str, int], values: np.ndarray, slopes: np.ndarray,
 ) -> None:  # fmt: skip
     """Overwrite channels by what their sensors read.
 
@@ -152,7 +152,7 @@ def read(
     ----------
     devices : sequence of Transducer
         The transducer, then the same with a complex step for each derivative.
-    samples : Samples
+    samples : SampledCourse
     needed : ((n, 4), (n, 4, lanes)) arrays
         True values of `NEEDED`, and their derivatives.
     channels : mapping of str to int

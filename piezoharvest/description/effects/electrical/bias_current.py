@@ -20,6 +20,7 @@ class BiasCurrent(Effect):
         "voltage and current have an offset; that of the voltage is proportional to the load resistance"
     )
     told_by: ClassVar[str] = "record with two load resistances: the offset of a sensor does not depend on them"
+    places: ClassVar[tuple[str, ...]] = ("electrodes",)
 
     current: float = quantity("A", "current into the positive lead", null=0.0)
 

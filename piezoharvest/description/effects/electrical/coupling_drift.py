@@ -22,6 +22,7 @@ class CouplingDrift(Effect):
     told_by: ClassVar[str] = (
         "make a long record at constant amplitude: a leakage or a load error does not change with time"
     )
+    places: ClassVar[tuple[str, ...]] = ("parameter.coupling",)
 
     relative_drift: float = quantity("", "relative change over a record", above=-1, null=0.0)
 

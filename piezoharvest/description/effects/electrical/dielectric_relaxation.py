@@ -23,6 +23,7 @@ class DielectricRelaxation(Effect):
     told_by: ClassVar[str] = (
         "sweep the impedance from 10 mHz upwards: a leakage appears as a slope, a relaxation as a step"
     )
+    places: ClassVar[tuple[str, ...]] = ("capacitor", "electrodes")
 
     capacitance: float = quantity("F", "capacitance of the relaxing branch", above=0, null=0.0)
     time_constant: float = quantity("s", "time constant of the branch", above=0)

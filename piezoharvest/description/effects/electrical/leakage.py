@@ -20,6 +20,7 @@ class Leakage(Effect):
         "the voltage decays faster than through the load alone, most with the largest load resistance"
     )
     told_by: ClassVar[str] = "apply a step with open electrodes: the voltage then decays through the leakage alone"
+    places: ClassVar[tuple[str, ...]] = ("electrodes",)
 
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 

@@ -21,6 +21,7 @@ class NonlinearCoupling(Effect):
     told_by: ClassVar[str] = (
         "record at two preloads: this coupling changes with the preload, a voltage-dependent capacitance does not"
     )
+    places: ClassVar[tuple[str, ...]] = ("coupling",)
 
     quadratic_coupling: float = quantity("C/m^2", "quadratic coupling T2", null=0.0)
 

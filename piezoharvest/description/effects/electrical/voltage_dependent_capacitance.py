@@ -23,6 +23,7 @@ class VoltageDependentCapacitance(Effect):
         "record two force levels at one frequency with a large load resistance: stiffening shows in the displacement "
         "too"
     )
+    places: ClassVar[tuple[str, ...]] = ("capacitor",)
 
     beta: float = quantity("1/V^2", "relative change of the charge, per squared volt", null=0.0)
 

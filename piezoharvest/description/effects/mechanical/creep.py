@@ -22,6 +22,7 @@ class Creep(Effect):
     told_by: ClassVar[str] = (
         "apply a long step: leakage changes the voltage only, creep changes displacement and charge together"
     )
+    places: ClassVar[tuple[str, ...]] = ("spring",)
 
     compliance_ratio: float = quantity(
         "", "compliance of the element, relative to that of the spring", at_least=0, null=0.0

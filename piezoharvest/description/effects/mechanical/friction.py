@@ -22,6 +22,7 @@ class Friction(Effect):
         "with the frequency, "
         "friction does not"
     )
+    places: ClassVar[tuple[str, ...]] = ("spring",)
 
     stiffness: float = quantity("N/m", "stiffness while sticking", at_least=0, null=0.0)
     threshold: float = quantity("m", "displacement at which it slips", above=0)

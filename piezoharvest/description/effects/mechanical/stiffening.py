@@ -19,6 +19,7 @@ class Stiffening(Effect):
     told_by: ClassVar[str] = (
         "record two force levels: a contact compliance bends the displacement only, and most at small force"
     )
+    places: ClassVar[tuple[str, ...]] = ("spring",)
 
     cubic_stiffness: float = quantity("N/m^3", "cubic stiffness k3", null=0.0)
 

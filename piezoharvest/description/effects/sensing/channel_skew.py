@@ -21,6 +21,7 @@ class ChannelSkew(Effect):
         "record at higher frequency: a leakage or relaxation shifts the phase at low frequency, a delay at high "
         "frequency"
     )
+    places: ClassVar[tuple[str, ...]] = ("reading.voltage", "reading.current")
 
     delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)
 

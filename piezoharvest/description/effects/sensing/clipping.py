@@ -22,6 +22,10 @@ class Clipping(Effect):
     limit: float = quantity("", "largest value, in the channel's SI unit", above=0, null=float("inf"))
     channel: Channel = described("channel that is clipped")
 
+    @property
+    def acts_at(self) -> tuple[str, ...]:
+        return (f"reading.{self.channel}",)
+
     def span(self, channel: str) -> float:
         return self.limit if channel == self.channel else float("inf")
 

@@ -21,6 +21,7 @@ class ContactCompliance(Effect):
     source: ClassVar[str] = "Johnson, Contact Mechanics, 1985, section 4.2"
     looks: ClassVar[str] = "extra displacement, steep at small force, that does not appear in the voltage"
     told_by: ClassVar[str] = "use a second displacement sensor on the specimen itself, or record under a larger preload"
+    places: ClassVar[tuple[str, ...]] = ("reading.displacement",)
 
     coefficient: float = quantity("m/N^(2/3)", "coefficient c of the joint", at_least=0, null=0.0)
     tension: Literal["open", "closed"] = described(

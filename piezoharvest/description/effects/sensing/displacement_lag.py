@@ -23,6 +23,7 @@ class DisplacementLag(Effect):
         "record at higher frequency: a loop due to friction keeps its width, damping shifts the phase of the voltage "
         "too"
     )
+    places: ClassVar[tuple[str, ...]] = ("reading.displacement",)
 
     time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)
 

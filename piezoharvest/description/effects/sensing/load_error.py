@@ -26,6 +26,7 @@ class LoadError(Effect):
     told_by: ClassVar[str] = (
         "measure the load with an ohmmeter; voltage and current together distinguish it from a leakage"
     )
+    places: ClassVar[tuple[str, ...]] = ("load",)
 
     relative_error: float = quantity("", "relative error e of the load", above=-1, null=0.0)
     resistance: float | None = quantity(

@@ -26,6 +26,10 @@ class MainsHum(Effect):
     frequency: float = quantity("Hz", "mains frequency", above=0)
     channel: Channel = described("channel that has the hum")
 
+    @property
+    def acts_at(self) -> tuple[str, ...]:
+        return (f"reading.{self.channel}",)
+
     def line(self, channel: str) -> float | None:
         return self.frequency if channel == self.channel else None
 

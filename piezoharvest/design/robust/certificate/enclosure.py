@@ -21,7 +21,7 @@ from piezoharvest.description.tolerance import HEATED
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import mean_nodes
 from piezoharvest.design.robust.box import OF_TRANSDUCER, Box, load_field
-from piezoharvest.design.robust.certificate.forms import Form, solve
+from piezoharvest.design.robust.certificate.forms import AffineForm, solve
 
 _LINEAR = 1e-12  # relative: coefficients that are linear in the load, but for rounding errors
 # Of the mean over a band, relative: that of the study's transducer, and what is taken off for any in the box, whose
@@ -109,14 +109,14 @@ class Enclosure:
     def _amplitude(self) -> float:
         return self.view.operation.amplitude
 
-    def _factors(self, centre: np.ndarray, radius: np.ndarray) -> dict[str, Form]:
+    def _factors(self, centre: np.ndarray, radius: np.ndarray) -> dict[str, AffineForm]:
         """Factor of each quantity, as `Box.factors`, and "deviation" of the load."""
         names = self.box.names
-        axes = [Form.coordinate(centre, radius, n) for n in range(len(names))]
+        axes = [AffineForm.coordinate(centre, radius, n) for n in range(len(names))]
         region, along = self.box.region, dict(zip(names, axes, strict=True))
         for name, row in zip(region.names, region.spread, strict=True):
             along[name] = reduce(add, (axis * share for axis, share in zip(axes, row.tolist(), strict=False)))
-        one = Form(np.ones(len(centre)), np.zeros_like(centre), np.zeros(len(centre)))
+        one = AffineForm(np.ones(len(centre)), np.zeros_like(centre), np.zeros(len(centre)))
         found = {}
         for name in (*OF_TRANSDUCER, "load", "frequency"):
             found[name] = one + along[name] if name in along else one
@@ -126,21 +126,21 @@ class Enclosure:
         found["deviation"] = along.get("load", one * 0.0)
         return found
 
-    def _frequency(self, centre: np.ndarray, radius: np.ndarray, factors: dict[str, Form]) -> Form:
+    def _frequency(self, centre: np.ndarray, radius: np.ndarray, factors: dict[str, AffineForm]) -> AffineForm:
         band = self.view.operation.band
         if not self.swept or band is None:
             return factors["frequency"] * np.tile(self._lines[0], len(centre) // self.systems)
-        place = Form.coordinate(centre, radius, centre.shape[1] - 1)
+        place = AffineForm.coordinate(centre, radius, centre.shape[1] - 1)
         return place * (0.5 * (band[1] - band[0])) + 0.5 * (band[0] + band[1])
 
-    def _solution(self, omega: Form, factors: dict[str, Form]) -> Form:
+    def _solution(self, omega: AffineForm, factors: dict[str, AffineForm]) -> AffineForm:
         """Unknowns (n, b) for a unit drive."""
         transducer, circuit = self.view.transducer, self._circuit
         assert circuit is not None
         modes, base = transducer.all_modes, self.view.operation.base
         count, size = len(modes), len(modes) + 2 + circuit.states
-        matrix: list[list[Form | None]] = [[None] * size for _ in range(size)]
-        right: list[Form | None] = [None] * size
+        matrix: list[list[AffineForm | None]] = [[None] * size for _ in range(size)]
+        right: list[AffineForm | None] = [None] * size
         rate, square = omega * 1j, omega * omega
         for n, mode in enumerate(modes):
             inertia = factors["mass"] * square * (-mode.mass)
@@ -160,7 +160,7 @@ class Enclosure:
                     matrix[count + 1 + row][count + column] = form + rate * factors["deviation"] * rate_load
         return solve(matrix, right)
 
-    def _objective(self, found: Form, factors: dict[str, Form]) -> Form:
+    def _objective(self, found: AffineForm, factors: dict[str, AffineForm]) -> AffineForm:
         """Displacement of a unit drive, or the mean harvested power (half of the peak values' product)."""
         count = len(self.view.transducer.all_modes)
         if self.view.goal.damping:
@@ -256,18 +256,18 @@ def _columns(shunt: Shunt, capacitance: float) -> _Influences:
     return _Influences(still, rate, [(float(p.coefficient), p.first[columns], p.second[columns]) for p in harvested])  # pyright: ignore
 
 
-def _mean(part: Form, squares: np.ndarray, boxes: int) -> Form:
+def _mean(part: AffineForm, squares: np.ndarray, boxes: int) -> AffineForm:
     """Sum of powers at the lines of each box; one that may be anything is at least zero, and is taken to be so."""
     open_ = ~(part.rest < np.abs(part.value))
     value, rest = (np.where(open_, 0.0, x).reshape(boxes, -1) @ squares for x in (part.value, part.rest))
     slope = np.where(open_[:, None], 0.0, part.slope).reshape(boxes, len(squares), -1)
-    return Form(value, np.einsum("bfd,f->bd", slope, squares), rest)
+    return AffineForm(value, np.einsum("bfd,f->bd", slope, squares), rest)
 
 
-def _combined(found: Form, row: np.ndarray) -> Form:
+def _combined(found: AffineForm, row: np.ndarray) -> AffineForm:
     """A row of the unknowns."""
     rest = np.zeros(found.rest.shape[1])
     for share, part in zip(np.abs(row), found.rest, strict=True):
         if share:  # zero times infinity is none
             rest = rest + share * part
-    return Form(row @ found.value, np.tensordot(row, found.slope, 1), rest)
+    return AffineForm(row @ found.value, np.tensordot(row, found.slope, 1), rest)

@@ -16,7 +16,7 @@ _POSITIVE = 1e-12  # relative, added so that a vector is above zero
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class AffineForm:
     """Enclosure of a real or complex function, for a batch of boxes.
 
     Attributes
@@ -34,7 +34,7 @@ class Form:
     rest: np.ndarray
 
     @classmethod
-    def coordinate(cls, centre: np.ndarray, radius: np.ndarray, axis: int) -> Form:
+    def coordinate(cls, centre: np.ndarray, radius: np.ndarray, axis: int) -> AffineForm:
         """Coordinate of boxes with centres and half-widths (b, d)."""
         slope = np.zeros_like(centre)
         slope[:, axis] = radius[:, axis]
@@ -45,35 +45,35 @@ class Form:
         """Largest distance from the middle's value."""
         return np.abs(self.slope).sum(-1) + self.rest
 
-    def __add__(self, other: Form | complex) -> Form:
-        if not isinstance(other, Form):
-            return Form(self.value + other, self.slope, self.rest)
-        return Form(self.value + other.value, self.slope + other.slope, self.rest + other.rest)
+    def __add__(self, other: AffineForm | complex) -> AffineForm:
+        if not isinstance(other, AffineForm):
+            return AffineForm(self.value + other, self.slope, self.rest)
+        return AffineForm(self.value + other.value, self.slope + other.slope, self.rest + other.rest)
 
     __radd__ = __add__
 
-    def __mul__(self, other: Form | Any) -> Form:
-        if not isinstance(other, Form):
-            return Form(other * self.value, np.asarray(other)[..., None] * self.slope, np.abs(other) * self.rest)
+    def __mul__(self, other: AffineForm | Any) -> AffineForm:
+        if not isinstance(other, AffineForm):
+            return AffineForm(other * self.value, np.asarray(other)[..., None] * self.slope, np.abs(other) * self.rest)
         a, b = self, other
         rest = np.abs(a.value) * b.rest + np.abs(b.value) * a.rest + a.reach * b.reach
-        return Form(a.value * b.value, a.value[..., None] * b.slope + b.value[..., None] * a.slope, rest)
+        return AffineForm(a.value * b.value, a.value[..., None] * b.slope + b.value[..., None] * a.slope, rest)
 
     __rmul__ = __mul__
 
-    def inverse(self) -> Form:
+    def inverse(self) -> AffineForm:
         """1/f of a real function that is above zero; infinite rest where that is not sure."""
         least = self.value - self.reach
         with np.errstate(all="ignore"):
             # |1/f - 1/c + (f - c)/c^2| = (f - c)^2/(c^2 f)
             curved = self.reach**2 / (self.value**2 * least) + self.rest / self.value**2
             rest = np.where(least > 0, curved, np.inf)
-        return Form(1 / self.value, -self.slope / self.value[..., None] ** 2, rest)
+        return AffineForm(1 / self.value, -self.slope / self.value[..., None] ** 2, rest)
 
-    def real_product(self, other: Form) -> Form:
+    def real_product(self, other: AffineForm) -> AffineForm:
         """Re(f conj(g)), a real form."""
-        product = self * Form(np.conj(other.value), np.conj(other.slope), other.rest)
-        return Form(np.real(product.value), np.real(product.slope), product.rest)
+        product = self * AffineForm(np.conj(other.value), np.conj(other.slope), other.rest)
+        return AffineForm(np.real(product.value), np.real(product.slope), product.rest)
 
     def largest(self) -> np.ndarray:
         """Upper bound of |f|."""
@@ -87,7 +87,7 @@ class Form:
         return self.value - self.reach
 
 
-def solve(matrix: list[list[Form | None]], right: list[Form | None]) -> Form:
+def solve(matrix: list[list[AffineForm | None]], right: list[AffineForm | None]) -> AffineForm:
     """Enclosure (n, b) of y in G y = r, with forms in the square matrix and on the right-hand side; None is zero.
 
     Notes
@@ -124,4 +124,4 @@ def solve(matrix: list[list[Form | None]], right: list[Form | None]) -> Form:
     left_over = (change @ spread[..., None] + loose @ size)[..., 0] + unsure
     left_over = np.where(valid[:, None], left_over, np.inf)
     slopes = pushed - np.moveaxis((moved @ centre[:, None, :, None])[..., 0], 1, 2)
-    return Form(centre.T, np.moveaxis(slopes, 1, 0), left_over.T)
+    return AffineForm(centre.T, np.moveaxis(slopes, 1, 0), left_over.T)

@@ -56,7 +56,7 @@ SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the large
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FittedFormula:
     """A formula with the values that come closest to the table, and its information criterion there."""
 
     form: Form
@@ -67,10 +67,10 @@ Made = Callable[[np.ndarray], Form]
 Start = tuple[Made, np.ndarray]
 
 
-def candidates(table: LawFit, pieces: int = PIECES) -> list[Candidate]:
+def candidates(table: LawFit, pieces: int = PIECES) -> list[FittedFormula]:
     """Formulas for a table, the best first; each from several starts. Curves are broken lines of some pieces."""
     loss = _Loss(table)
-    found: list[Candidate] = []
+    found: list[FittedFormula] = []
     for starts in _families(table, pieces):
         tried = [loss.closest(make, start) for make, start in starts]
         done = [each for each in tried if each is not None]
@@ -141,7 +141,7 @@ class _Loss:
         """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
         return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
 
-    def closest(self, make: Made, start: np.ndarray) -> Candidate | None:
+    def closest(self, make: Made, start: np.ndarray) -> FittedFormula | None:
         """The member of a family closest to the table; its first value is a factor that the law is linear in."""
         unit = self.residual(make(np.array([1.0, *start]))) - self.residual(make(np.array([0.0, *start])))
         offset = self.residual(make(np.array([0.0, *start])))
@@ -164,7 +164,7 @@ class _Loss:
             form = make(done.x * scale)
         except ValueError:
             return None
-        return Candidate(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
+        return FittedFormula(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
 
 
 def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
