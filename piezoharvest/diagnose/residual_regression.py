@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import add
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def square_terms(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
     """
     normal = _NormalEquations(problem, found, _squares)
     return [
-        (channel, term, float(normal.gradient[k] ** 2 / (normal.products[k, k] + normal.rounding_variance[k])))
+        (channel, term, float(normal.gradient[k] ** 2 / (normal.products[k, k] + normal.more_variance[k])))
         for k, (channel, term) in enumerate(normal.names)
         if normal.visible[k]
     ]
@@ -106,17 +107,17 @@ class _NormalEquations:
         self.names = list(sums)
         total = np.zeros((count + len(sums),) * 2)
         right, scatter = np.zeros(count + len(sums)), np.zeros_like(total)
-        for columns, (products, gradient, rounded), names in parts:
+        for columns, (products, gradient, spread), names in parts:
             places = np.concatenate([columns, [count + sums[name] for name in names]]).astype(int)
             total[np.ix_(places, places)] += products
             right[places] += gradient
-            scatter[np.ix_(places, places)] += rounded
+            scatter[np.ix_(places, places)] += spread
         plain = total[:count, :count] + final.prior
         solved = inverse(plain) @ np.column_stack([total[:count, count:], right[:count]])
         self.products = total[count:, count:] - total[count:, :count] @ solved[:, :-1]
         self.gradient = right[count:] - total[count:, :count] @ solved[:, -1]
         rest = np.vstack([-solved[:, :-1], np.eye(len(sums))])  # terms, parameters projected out
-        self.rounding_variance = np.einsum("ik,ij,jk->k", rest, scatter, rest, optimize=True)
+        self.more_variance = np.einsum("ik,ij,jk->k", rest, scatter, rest, optimize=True)
         # Terms in the span of the parameters are left with rounding errors.
         self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
 
@@ -124,25 +125,27 @@ class _NormalEquations:
 def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms, scales: dict[str, float]):
     """Normal equations of one record over its parameters, then terms; and the names of its terms."""
     data, nuisance, white = record
-    products, gradient, rounded, names = 0.0, 0.0, 0.0, []
+    products, gradient, scatter, switching, names = 0.0, 0.0, 0.0, np.zeros(()), []
     for _, begin, residual, slopes in residual_blocks(final.model, data, nuisance, True):
         W = white.of(len(residual))
         assert slopes is not None
         signals = _signals(data, begin, residual)
         residual -= white.passed(begin, begin + len(residual))
         evaluated = list(terms(signals, data.setting.sample_time, scales))
-        residual, slopes = white.weighted(begin, residual), white.weighted(begin, slopes)
-        spectra = spectra_of(np.column_stack([values for _, values in evaluated]))
-        # A term added to a channel, whitened: that column of the whitening matrix.
-        placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
+        added = np.column_stack([values for _, values in evaluated])[:, None, :]
+        added = np.broadcast_to(added, (*residual.shape, added.shape[2]))  # a term added to each of the channels
+        residual, slopes, added = (white.weighted(begin, values) for values in (residual, slopes, added))
+        # Whitened: for a term added to a channel, that column of the whitening matrix.
+        placed = (W[:, :, :, None] * spectra_of(added)[:, None, :, :]).reshape(len(W), W.shape[1], -1)
         whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
-        rounded = rounded + white.scatter(data.part(begin, begin + len(residual)) - residual, whitened, W)
+        predicted = data.part(begin, begin + len(residual)) - residual
+        scatter, switching = map(add, (scatter, switching), white.spread(begin, predicted, whitened, W))
         columns = whitened.reshape(-1, whitened.shape[2])
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
         names = [(channel, name) for channel in data.channels for name, _ in evaluated]
-    return (products, gradient, rounded), names
+    return (products, gradient, scatter + switching @ switching.T), names
 
 
 def _signals(data, begin: int, left: np.ndarray) -> Signals:

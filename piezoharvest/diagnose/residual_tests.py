@@ -143,7 +143,7 @@ class ResidualBlock:
         parts = np.zeros((len(self.spectrum), len(channels), len(channels), 2), complex)
         parts[line, channels, channels] = 1.0, 1j
         matrices = self.white.of(len(self.residual))
-        scatter = self.white.scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
+        scatter = self.white.rounding_scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
         return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.noise_level[line] ** 2
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
-from piezoharvest.identify.noise.event_noise import sample_weights
+from piezoharvest.identify.noise.event_noise import EventNoise
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
@@ -38,7 +38,9 @@ class Sums:
     count : (bands,) array
         Number of squares.
     scatter : (p, p) array
-        Covariance of the gradient that rounded sensors add.
+        Covariance of the gradient that rounded sensors add, less what the information counts of the noise of switching.
+    switching : (p, n) array
+        Realisations of the change of the gradient, over the square root of `n`, by a switch that acts earlier or later.
     """
 
     information: np.ndarray
@@ -46,12 +48,19 @@ class Sums:
     squares: np.ndarray
     count: np.ndarray
     scatter: np.ndarray
+    switching: np.ndarray
 
     @classmethod
     def empty(cls, p: int) -> Sums:
         """Sums equal to zero, for `p` parameters."""
         bands = len(BAND_EDGES) - 1
-        return cls(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)))
+        sums, bare = (np.zeros((bands, p, p)), np.zeros((bands, p))), (np.zeros(bands), np.zeros(bands))
+        return cls(*sums, *bare, np.zeros((p, p)), np.zeros((p, 0)))
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Covariance of the gradient that white noise does not have, (p, p)."""
+        return self.scatter + self.switching @ self.switching.T
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -120,15 +129,22 @@ class Whitener:
             self._prediction.settle()
 
     @cached_property
-    def _weights(self) -> np.ndarray | None:
-        """Weights (samples, channels) of the residuals behind a circuit; None where all are one."""
+    def _events(self) -> EventNoise | None:
+        """What is not known behind a circuit because of its switch."""
         prediction, data = self._prediction, self._data
         if not isinstance(prediction, CircuitPrediction):
             return None
         drive, noise = data.record[data.drive] - data.rest, self._noise.sigma.get(data.drive, 0.0)
         signal = data.record.signals[data.drive]
-        weights = sample_weights(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
-        return weights if data.hidden is None else np.where(data.hidden[:, None], 0.0, weights)
+        return EventNoise(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
+
+    @cached_property
+    def _weights(self) -> np.ndarray | None:
+        """Weights (samples, channels) of the residuals behind a circuit; None where all are one."""
+        events, hidden = self._events, self._data.hidden
+        if events is None:
+            return None
+        return events.weights if hidden is None else np.where(hidden[:, None], 0.0, events.weights)
 
     def weighted(self, begin: int, values: np.ndarray) -> np.ndarray:
         """Residuals of consecutive samples, or their derivatives, (samples, channels, ...), each with its weight."""
@@ -139,7 +155,7 @@ class Whitener:
         return values * part.reshape(*part.shape, *[1] * (values.ndim - 2))
 
     def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:
-        """Sums of the record for a model, with the scatter by rounded sensors if required.
+        """Sums of the record for a model, with the scatter of the gradient if required.
 
         Raises
         ------
@@ -153,8 +169,8 @@ class Whitener:
             predicted = self._data.part(begin, end) - residual
             residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
             white, rows = self._of(len(residual))
-            rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
-            parts.append(_whitened(residual, slopes, rows, rounded))
+            more = (lambda D, n=begin, x=predicted, W=white: self.spread(n, x, D, W)) if scatter else None
+            parts.append(_whitened(residual, slopes, rows, more))
         return reduce(add, parts)
 
     def left(self, model: Model, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -164,30 +180,57 @@ class Whitener:
             spectra = spectra_of(self.weighted(begin, residual))
             yield begin, residual, (self.of(len(residual)) @ spectra[:, :, None])[:, :, 0]
 
-    def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.
+    def spread(
+        self, begin: int, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`scatter` (p, p) and `switching` (p, n) of `Sums` for a block.
 
         Parameters
         ----------
+        begin : int
+            First sample of a block.
         predicted : (samples, channels) array
-            Predictions of a block.
+            Its predictions.
         whitened : (f, channels, p) array
             Spectra of its derivatives.
         white : (f, channels, channels) array
             Matrices that whitened them.
+        """
+        scatter = self.rounding_scatter(predicted, whitened, white)
+        if self._events is None or self._events.known:
+            return scatter, np.zeros((len(scatter), 0))
+        channels = range(predicted.shape[1])
+        slopes = np.array([_slopes(k, whitened, white, len(predicted)) for k in channels])
+        if self._data.hidden is not None:
+            slopes[:, self._data.hidden[begin : begin + len(predicted)]] = 0.0
+        switching, counted = self._events.spread(begin, slopes)
+        return scatter - counted, switching
+
+    def rounding_scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.
+
+        Parameters
+        ----------
+        predicted, whitened, white
+            As in `spread`.
         """
         found = np.zeros((whitened.shape[2],) * 2)
         for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
             if max(rounded.size, rounded.second) < MIN_ROUNDING_ERROR * self._noise.sigma[channel]:
                 continue
             turns = predicted[:, k] / rounded.step
-            slopes = in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
+            slopes = _slopes(k, whitened, white, len(turns))
             waves = (
                 np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
             )
             each = rounded.second * by_code(turns, slopes)
             found += waves.T @ waves + each @ each.T
         return found
+
+
+def _slopes(k: int, whitened: np.ndarray, white: np.ndarray, count: int) -> np.ndarray:
+    """Changes of the gradient with errors of the samples of channel `k`, (samples, p)."""
+    return in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), count)
 
 
 def by_code(turns: np.ndarray, slopes: np.ndarray) -> np.ndarray:
@@ -204,15 +247,16 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
     return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
 
 
-def _whitened(residual, slopes, W: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None) -> Sums:
+def _whitened(residual, slopes, W: np.ndarray, spread: Callable | None) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
     R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
     edges = first_lines(BAND_EDGES, count)
     P, bands = D.shape[1], len(BAND_EDGES) - 1
     sums = Sums.empty(P)
-    if scatter is not None:
-        sums.scatter[:] = scatter(D.transpose(2, 0, 1))
+    if spread is not None:
+        scatter, switching = spread(D.transpose(2, 0, 1))
+        sums = replace(sums, scatter=scatter, switching=switching)
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:

@@ -161,12 +161,12 @@ def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     excess = np.maximum(excess, 1.0)
     for mine, part in zip(nuisance, found.sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
-        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.spread
         at += len(mine)
     free = np.delete(np.arange(len(meat)), list(fixed))
     bread = np.zeros_like(meat)
     bread[np.ix_(free, free)] = posterior(*(part[np.ix_(free, free)] for part in (found.information, found.prior)))
-    if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
+    if np.all(excess == 1.0) and not any(np.any(part.spread) for part in found.sums):
         return bread
     total = bread @ (meat + found.prior) @ bread
     # Of parameters that are determined by their ratio only, rounding leaves 1e-8 of asymmetry.

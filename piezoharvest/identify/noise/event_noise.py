@@ -1,13 +1,15 @@
 """Noise that the noise of the drive, or of a recorded gate, adds where a circuit switches: earlier or later.
 
 A voltage inverted within a few samples changes by far more in a shift of a thousandth of a sample than its sensor's
-noise. Such samples count for as much as they are known.
+noise. Such samples count for as much as they are known. Their errors depend on each other, over the whole record where
+the drive is a sine whose amplitude and phase are known to a part: standard errors have to know.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,18 +21,18 @@ from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.record import Signal
 
-REALISATIONS = 4  # of the drive's noise: a variance is known to a factor of two, a weight to less
+# Realisations of the drive's noise. A weight needs a variance to a factor of two. The variance of a parameter follows
+# from 32 to a quarter, its standard error to an eighth; of longer records fewer are kept, so that they fit into memory.
+FOR_WEIGHTS, FOR_ERRORS = 4, 32
+MAX_VALUES = 1 << 26
 
 
-def sample_weights(
-    prediction: CircuitPrediction, channels: Sequence[str], signal: Signal, drive: np.ndarray,
-    sigma: Mapping[str, float], noise: float,
-) -> np.ndarray:  # fmt: skip
-    """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there.
+class EventNoise:
+    """What is not known of a record's responses because its switch may have acted earlier or later, by simulation.
 
-    By simulation: noise is added to the drive and removed again as from a measured one, and the edges of a gate are put
-    elsewhere within their samples. What the prediction then changes by, beyond the linear response that whitening
-    allows for, is not known.
+    Noise is added to the drive and removed again as from a measured one, and the edges of a gate are put elsewhere
+    within their samples. What the prediction then changes by, beyond the linear response that whitening allows for, is
+    not known.
 
     Parameters
     ----------
@@ -46,19 +48,72 @@ def sample_weights(
     noise : float
         That of the drive.
     """
-    own = np.array([sigma[channel] for channel in channels])
-    if noise == 0.0 and not _is_loose(prediction.setting):
-        return np.ones((len(drive), len(channels)))
-    base, squares, count = _values(prediction, channels), np.zeros((len(drive), len(channels))), 0
-    drives = noisy_drives(signal, drive, noise, REALISATIONS) if noise > 0.0 else [drive] * REALISATIONS
-    for seed, noisy in enumerate(drives):
-        again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
-        try:
-            off = _values(again, channels) - base - small_response(prediction, channels, noisy - drive)
-        except PredictionError:
-            continue
-        squares, count = squares + off**2, count + 1
-    return own / np.sqrt(own**2 + squares / max(count, 1))
+
+    def __init__(
+        self, prediction: CircuitPrediction, channels: Sequence[str], signal: Signal, drive: np.ndarray,
+        sigma: Mapping[str, float], noise: float,
+    ) -> None:  # fmt: skip
+        self._prediction, self._channels, self._signal = prediction, channels, signal
+        self._drive, self._noise = drive, noise
+        self._own = np.array([sigma[channel] for channel in channels])
+        self.known = noise == 0.0 and not _is_loose(prediction.setting)
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there."""
+        if self.known:
+            return np.ones((len(self._drive), len(self._channels)))
+        return self._own / np.sqrt(self._own**2 + np.mean(self._errors(FOR_WEIGHTS) ** 2, axis=0))
+
+    @cached_property
+    def _weighted_errors(self) -> np.ndarray:
+        """Realisations (n, samples, channels) of the errors, each with the weight of its sample."""
+        count = MAX_VALUES // (len(self._drive) * len(self._channels))
+        errors = self._errors(min(max(count, FOR_WEIGHTS), FOR_ERRORS))
+        errors *= self.weights
+        return errors.astype(np.float32)
+
+    def spread(self, begin: int, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the errors do to the gradient: its realisations, and the part of its covariance that is counted already.
+
+        Parameters
+        ----------
+        begin : int
+            First of some samples.
+        slopes : (channels, samples, p) array
+            Changes of the gradient with the errors of the samples.
+
+        Returns
+        -------
+        realisations : (p, n) array
+            Over the square root of `n`, so that their products sum to the covariance.
+        counted : (p, p) array
+            Covariance if the errors of the samples were independent, as the information has them.
+        """
+        part, p = slice(begin, begin + slopes.shape[1]), slopes.shape[2]
+        if self.known:
+            return np.zeros((p, 0)), np.zeros((p, p))
+        errors = self._weighted_errors[:, part]
+        found = np.einsum("nsc,csp->pn", errors, slopes, optimize=True) / np.sqrt(max(len(errors), 1))
+        share = np.sqrt(np.maximum(1.0 - self.weights[part].T ** 2, 0.0)) * self._own[:, None]
+        own = (share[:, :, None] * slopes).reshape(-1, p)
+        return found, own.T @ own
+
+    def _errors(self, count: int) -> np.ndarray:
+        """Realisations (n, samples, channels) of the errors; those that cannot be followed are left out."""
+        prediction, channels, found = self._prediction, self._channels, []
+        base = _values(prediction, channels)
+        drives = (
+            noisy_drives(self._signal, self._drive, self._noise, count) if self._noise > 0.0 else [self._drive] * count
+        )
+        for seed, noisy in enumerate(drives):
+            again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
+            try:
+                linear = small_response(prediction, channels, noisy - self._drive)
+                found.append(_values(again, channels) - base - linear)
+            except PredictionError:
+                continue
+        return np.array(found or [np.zeros_like(base)])
 
 
 def _retimed(setting: Setting, seed: int) -> Setting:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -9,11 +10,12 @@ import numpy as np
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.records.record import Signal
 
+KEPT = 4  # realisations for each signal that are kept: those that many models use
 _KNOWN: WeakKeyDictionary[Signal, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
 
 
-def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> list[np.ndarray]:
-    """Drives with noise added and removed again; cached, since many models use them.
+def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> Iterator[np.ndarray]:
+    """Drives with noise added and removed again; the first ones are cached, since many models use them.
 
     Parameters
     ----------
@@ -29,8 +31,14 @@ def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> 
     known, drawn = _KNOWN.get(signal, (np.nan, []))
     if known != sigma:
         drawn = []
-    for seed in range(len(drawn), count):
-        draw = np.random.default_rng([len(true), seed]).standard_normal(len(true))
-        drawn = [*drawn, denoised(true + sigma * draw, sigma)]
+    for seed in range(len(drawn), min(count, KEPT)):
+        drawn = [*drawn, _realisation(true, sigma, seed)]
     _KNOWN[signal] = sigma, drawn
-    return drawn[:count]
+    yield from drawn[:count]
+    for seed in range(KEPT, count):
+        yield _realisation(true, sigma, seed)
+
+
+def _realisation(true: np.ndarray, sigma: float, seed: int) -> np.ndarray:
+    draw = np.random.default_rng([len(true), seed]).standard_normal(len(true))
+    return denoised(true + sigma * draw, sigma)

@@ -1,0 +1,34 @@
+"""Standard errors of values identified behind a switch, which acts earlier or later by the noise of the drive."""
+
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from piezoharvest import load_campaign, load_study
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.identify import identify
+
+
+def _deviations(path, seed):
+    """Deviations of the identified values from the true ones, in their standard errors."""
+    study = load_study(path)
+    study = replace(study, bench={**study.bench, "seed": seed})
+    directory = path.parent / str(seed)
+    write_campaign(measure(study), directory)
+    found = identify(load_campaign(directory / "campaign.toml"))
+    assert all(each.identifiable for each in found.estimates)
+    true = study.systems[0].transducer
+    return [(each.value - getattr(true, each.parameter.name)) / each.std for each in found.estimates]
+
+
+@pytest.mark.parametrize("seeds", [range(100, 106), pytest.param(range(110, 140), marks=pytest.mark.slow)])
+def test_values_lie_within_their_standard_errors(seeds, tmp_path):
+    path = tmp_path / "harvest.toml"
+    path.write_text(files("piezoharvest.cli").joinpath("templates", "harvest.toml").read_text())
+    squares = np.array([_deviations(path, seed) for seed in seeds]) ** 2
+    # The records of one sine and its beginning leave no value far better known than said, and none far worse.
+    assert np.all(squares.sum(axis=0) < chi2.ppf(0.999, len(seeds)))
+    assert np.all(squares.sum(axis=0) > chi2.ppf(0.001, len(seeds)))
