@@ -15,7 +15,7 @@ def test_whatever_is_asked_for_is_answered_or_refused(seeds):
     wrong = [row for row in rows if row["outcome"] not in ("converged", "said", "refused")]
     assert wrong == []
     counts = Counter(row["outcome"] for row in rows)
-    # Two thirds are simulated, nearly half converge. Of 25, fewer than these are less likely than 1e-3, whatever is drawn
-    # when keys are added; then most would be refused, and tell nothing.
+    # Two thirds are simulated, nearly half converge. Of 25, fewer than these are less likely than 1e-3, whatever is
+    # drawn when keys are added; then most would be refused, and tell nothing.
     assert counts["converged"] + counts["said"] > 0.36 * len(rows)
     assert counts["converged"] > 0.16 * len(rows)
