@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.callable_package import make_callable
 
 if TYPE_CHECKING:
-    from piezoharvest.diagnose.diagnosis import Diagnosis, Named, diagnose
+    from piezoharvest.diagnose.diagnosis import diagnose
+    from piezoharvest.diagnose.result import Diagnosis, Named
 
 __all__ = ["Diagnosis", "Named", "diagnose"]
 
@@ -17,7 +18,7 @@ def __getattr__(name: str) -> Any:
     # Lazy: fits bring numba and scipy.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.diagnosis"), name)
+    return getattr(import_module(f"{__name__}.{'diagnosis' if name == 'diagnose' else 'result'}"), name)
 
 
 make_callable(__name__)

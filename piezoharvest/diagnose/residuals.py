@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.diagnose.diagnosis import Diagnosis
-from piezoharvest.diagnose.residual_tests import blocks_of
+from piezoharvest.diagnose.residual_structure.residual_tests import blocks_of
+from piezoharvest.diagnose.result import Diagnosis
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from piezoharvest.description.effects import Effect, registered
-from piezoharvest.diagnose.diagnosis import Diagnosis, Named
-from piezoharvest.diagnose.score_tests import ScoredEffect, cosine
+from piezoharvest.diagnose.result import Diagnosis, Named
+from piezoharvest.diagnose.selection.score_tests import ScoredEffect, cosine
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests
 from piezoharvest.identify.fitting.cost_function import Whiteners
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

@@ -12,7 +12,7 @@ import numpy as np
 
 from piezoharvest.description.effects import Effect, registered
 from piezoharvest.description.parameters import AS_LABELLED, ParameterError
-from piezoharvest.diagnose.start_values import campaign_scales
+from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.explore.knobs import Knob, around, size
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData

@@ -10,8 +10,9 @@ from pathlib import Path
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
-from piezoharvest.diagnose.diagnosis import Diagnosis, diagnose
-from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
+from piezoharvest.diagnose.diagnosis import diagnose
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
+from piezoharvest.diagnose.result import Diagnosis
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.residual_quality import combined_quality, judged

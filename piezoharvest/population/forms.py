@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.diagnosis import Diagnosis
+from piezoharvest.diagnose.result import Diagnosis
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.output_error import covariance, fit

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.candidate_fits import effect_key
+from piezoharvest.diagnose.selection.effect_change import effect_key
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.progress import Step

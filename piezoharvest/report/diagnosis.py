@@ -9,7 +9,7 @@ from typing import Any
 
 from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
-from piezoharvest.diagnose.residual_tests import ResidualTest, run_tests
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, run_tests
 from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
 from piezoharvest.output import check_directory, write_text

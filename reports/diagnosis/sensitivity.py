@@ -12,7 +12,9 @@ from unittest.mock import patch
 
 from threadpoolctl import threadpool_limits
 
-from piezoharvest.diagnose import candidate_fits, diagnosis, residual_tests, thresholds, validation
+from piezoharvest.diagnose import diagnosis, thresholds, validation
+from piezoharvest.diagnose.residual_structure import residual_tests
+from piezoharvest.diagnose.selection import candidate_fits
 from piezoharvest.diagnose.thresholds import Threshold
 from piezoharvest.identify.fitting import evaluation
 from reports.diagnosis.summary import Results

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from piezoharvest.bench import measure, write_campaign
-from piezoharvest.diagnose.start_values import campaign_scales
+from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit

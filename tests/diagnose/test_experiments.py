@@ -23,7 +23,7 @@ from piezoharvest.diagnose.experiments.candidates import Planned, first_look
 from piezoharvest.diagnose.experiments.expectation import Bench, Known
 from piezoharvest.diagnose.experiments.planning import Planner
 from piezoharvest.diagnose.experiments.reach import Reach, highest_frequency, reach_of
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading
 
-from piezoharvest.diagnose.residual_regression import SYMBOLS, hints
+from piezoharvest.diagnose.residual_structure.residual_regression import SYMBOLS, hints
 from piezoharvest.identify.fitting.data import RESPONSES
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem

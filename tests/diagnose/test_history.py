@@ -5,7 +5,7 @@ from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.description.effects import CouplingDrift, Friction, Leakage, NonlinearCoupling, Stiffening
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.preparation import prepared

@@ -6,7 +6,7 @@ from diagnose_runs import SIGMA, campaign, fitted, reading
 
 from piezoharvest.description.effects import Leakage, MainsHum
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import covariance, fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.preparation import prepared

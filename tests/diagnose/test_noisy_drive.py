@@ -9,10 +9,11 @@ import pytest
 
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.description.effects import ChannelSkew
-from piezoharvest.diagnose import diagnose, drive_noise
-from piezoharvest.diagnose.residual_regression import hints
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
-from piezoharvest.diagnose.start_values import campaign_scales
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.residual_structure import drive_noise
+from piezoharvest.diagnose.residual_structure.residual_regression import hints
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.fitting.evaluation import whiteners
 from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of

@@ -4,7 +4,8 @@ import pytest
 from diagnose_runs import RECORDS, campaign
 
 from piezoharvest.description.effects import Creep, Leakage
-from piezoharvest.diagnose import candidate_fits, diagnose, validation
+from piezoharvest.diagnose import diagnose, validation
+from piezoharvest.diagnose.selection import candidate_fits
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 

@@ -21,8 +21,14 @@ from piezoharvest.description.effects import (
 )
 from piezoharvest.description.parameters import AS_LABELLED
 from piezoharvest.description.shunts import ParallelSSHI
-from piezoharvest.diagnose.residual_tests import ResidualBlock, _burst_tests, blocks_of, failed_tests, run_tests
-from piezoharvest.diagnose.score_tests import _one_step_scores, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.residual_structure.residual_tests import (
+    ResidualBlock,
+    _burst_tests,
+    blocks_of,
+    failed_tests,
+    run_tests,
+)
+from piezoharvest.diagnose.selection.score_tests import _one_step_scores, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.validation import spoils
 from piezoharvest.identify.fitting.likelihood import spectra_of
 from piezoharvest.identify.fitting.model import Model

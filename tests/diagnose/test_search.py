@@ -17,9 +17,10 @@ from piezoharvest.description.effects import (
     registered,
 )
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
-from piezoharvest.diagnose.score_tests import extended
-from piezoharvest.diagnose.stepwise_selection import Searcher
+from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
+from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.score_tests import extended
+from piezoharvest.diagnose.selection.stepwise_selection import Searcher
 from piezoharvest.diagnose.thresholds import MAX_EFFECTS, MIN_UNDOUBTED_GAIN
 from piezoharvest.identify.fitting import levenberg_marquardt
 from piezoharvest.identify.fitting.output_error import fit
@@ -155,7 +156,7 @@ def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(monk
     An effect whose strength its own standard error exceeds owes its gain to something else, however large that is.
     """
     made = []
-    monkeypatch.setattr("piezoharvest.diagnose.stepwise_selection.significance", lambda found, n: wald)
+    monkeypatch.setattr("piezoharvest.diagnose.selection.stepwise_selection.significance", lambda found, n: wald)
     less = SimpleNamespace(cost=1000.0 - gain + left, effects=())
     trials = SimpleNamespace(fit_without=lambda now, n: made.append((now.effects, n)), best_without=lambda now, n: less)
     before = SimpleNamespace(cost=1000.0)

@@ -11,7 +11,7 @@ from piezoharvest.description.effects import (
     Friction,
     MainsHum,
 )
-from piezoharvest.diagnose.start_values import CampaignScales
+from piezoharvest.diagnose.selection.start_values import CampaignScales
 
 SCENE = CampaignScales(
     drives=("force",), channels=("voltage",), loaded=True, has_tension=False, displacement=1e-6, capacitance=1e-9,

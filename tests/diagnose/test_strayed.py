@@ -8,7 +8,7 @@ from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.stepwise_selection import Searcher
+from piezoharvest.diagnose.selection.stepwise_selection import Searcher
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.diagnose.thresholds import CLOSE_COST
 

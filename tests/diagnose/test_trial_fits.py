@@ -7,14 +7,10 @@ import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
 from piezoharvest.description.effects import Clipping, Leakage, Stiffening
-from piezoharvest.diagnose.candidate_fits import (
-    FIT_TOLERANCE,
-    CandidateFits,
-    EffectChange,
-    significance,
-    variance_inflation,
-)
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.candidate_fits import FIT_TOLERANCE, CandidateFits
+from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.significance import significance, variance_inflation
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model

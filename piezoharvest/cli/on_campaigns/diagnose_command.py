@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
     from piezoharvest.diagnose.discovery.result import Discovery
     from piezoharvest.diagnose.experiments.planning import PlannedRecord
-    from piezoharvest.diagnose.residual_tests import ResidualTest
+    from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest
 
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
 

@@ -15,7 +15,7 @@ from piezoharvest.description.effects.nameless.memory import Memory, Play
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
-from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import inner_values

@@ -19,8 +19,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.law_fits import Scored, law_parameters
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
 from piezoharvest.diagnose.discovery.visited import Visited
-from piezoharvest.diagnose.score_tests import extended
-from piezoharvest.diagnose.start_values import CampaignScales
+from piezoharvest.diagnose.selection.score_tests import extended
+from piezoharvest.diagnose.selection.start_values import CampaignScales
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import linearised

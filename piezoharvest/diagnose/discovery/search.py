@@ -20,7 +20,7 @@ from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
-from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales
+from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit, mean_square

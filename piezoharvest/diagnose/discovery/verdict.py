@@ -9,12 +9,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import Found, can_search, search
-from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
-from piezoharvest.diagnose.stepwise_selection import Search
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
+from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
+from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem

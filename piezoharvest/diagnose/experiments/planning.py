@@ -15,7 +15,7 @@ from piezoharvest.diagnose.experiments.candidates import Planned, first_look, va
 from piezoharvest.diagnose.experiments.expectation import Bench, Known
 from piezoharvest.diagnose.experiments.reach import reach_of
 from piezoharvest.diagnose.experiments.studies import study_tables
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended
+from piezoharvest.diagnose.selection.score_tests import ScoredEffect, effect_parameters, extended
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from piezoharvest.description.effects import Clipping
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.residual_tests import whitened_squares
+from piezoharvest.diagnose.residual_structure.residual_tests import whitened_squares
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.result import Identification

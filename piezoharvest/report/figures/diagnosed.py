@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
 from piezoharvest.diagnose.discovery.result import Discovery
-from piezoharvest.diagnose.residual_tests import ResidualTest, drive_frequency_of
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, drive_frequency_of
 from piezoharvest.diagnose.residuals import Residuals, in_bins
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.report.figures import style

@@ -37,7 +37,7 @@ from piezoharvest.diagnose.discovery.law_fits import Scored
 from piezoharvest.diagnose.discovery.search import FITS, promising
 from piezoharvest.diagnose.discovery.smoothness import Smoothness
 from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import identify

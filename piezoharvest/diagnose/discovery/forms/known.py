@@ -25,7 +25,7 @@ from piezoharvest.description.effects.sensing.displacement_lag import Displaceme
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, TABLES, LawFit, without_law
-from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model

@@ -13,19 +13,12 @@ from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.candidate_fits import (
-    CandidateFits,
-    EffectChange,
-    FitRecord,
-    cost_to_reach,
-    effect_key,
-    significance,
-    standard_errors_from_zero,
-    variance_inflation,
-)
-from piezoharvest.diagnose.residual_tests import ResidualTest
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest
 from piezoharvest.diagnose.scanning.signs import OtherSign, better_signs
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, is_line
+from piezoharvest.diagnose.selection.candidate_fits import CandidateFits, FitRecord
+from piezoharvest.diagnose.selection.effect_change import EffectChange, cost_to_reach, effect_key
+from piezoharvest.diagnose.selection.score_tests import ScoredEffect, effect_parameters, is_line
+from piezoharvest.diagnose.selection.significance import significance, standard_errors_from_zero, variance_inflation
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import excess_of
 from piezoharvest.predict.prediction import PredictionError

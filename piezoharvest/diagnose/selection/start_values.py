@@ -17,7 +17,7 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.residual_tests import drive_frequency_of
+from piezoharvest.diagnose.residual_structure.residual_tests import drive_frequency_of
 from piezoharvest.diagnose.scanning.extrema import extrema_of, thresholds_between
 from piezoharvest.identify.fitting.data import Data, is_clipped
 from piezoharvest.identify.fitting.evaluation import map_records

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.drive_noise import drive_noise_variance
-from piezoharvest.diagnose.residual_regression import square_terms
+from piezoharvest.diagnose.residual_structure.drive_noise import drive_noise_variance
+from piezoharvest.diagnose.residual_structure.residual_regression import square_terms
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

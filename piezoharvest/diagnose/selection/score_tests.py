@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from piezoharvest.description.effects import Effect, registered
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.start_values import CampaignScales
+from piezoharvest.diagnose.selection.start_values import CampaignScales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,25 +12,32 @@ import numpy as np
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.preparation.held_values import deviating
-from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
+from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests
 from piezoharvest.diagnose.scanning.scan import scanned_fit
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores, starts_of, starts_show
-from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
+from piezoharvest.diagnose.selection.effect_change import EffectChange, cost_to_reach, effect_keys, model_without
+from piezoharvest.diagnose.selection.score_tests import (
+    ScoredEffect,
+    effect_parameters,
+    extended,
+    scores,
+    starts_of,
+    starts_show,
+)
+from piezoharvest.diagnose.selection.significance import standard_errors_from_zero, variance_inflation
+from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
 from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
 from piezoharvest.identify.fitting.output_error import (
-    covariance,
     excess_of,
     fit,
-    inflation,
     inverse,
     linearised,
     mean_square,
 )
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of, starts_as_shown
 from piezoharvest.identify.growing_fit import growing_fit
-from piezoharvest.identify.identifiability import size_of, undetermined
+from piezoharvest.identify.identifiability import undetermined
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -39,39 +46,6 @@ from piezoharvest.progress import Step
 FIT_TOLERANCE = 0.5  # of -2 ln L: predicted decrease at which a trial fit stops
 COARSE_FIT_TOLERANCE = 10.0  # the same, for a fit that only serves for scores
 REMOVAL_ITERATIONS = 12  # iterations of a fit without one effect before its cost is compared
-
-
-@dataclass(frozen=True)
-class EffectChange:
-    """A fit of a model with one effect more or less.
-
-    Attributes
-    ----------
-    found : Fit
-    begun : int
-        Number of initial states of effects that are fitted, of all records.
-    """
-
-    found: Fit
-    begun: int = 0
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Names of the model's effects."""
-        return tuple(effect.name for effect in self.found.model.transducer.effects)
-
-    @property
-    def cost(self) -> float:
-        """-2 ln L up to a constant."""
-        return self.found.cost
-
-    @property
-    def fair_cost(self) -> float:
-        """Cost plus two per parameter of effects (Akaike), for comparing sets of different sizes."""
-        model = self.found.model
-        fitted = sum(parameter.path[0] == "effects" for parameter in model.parameters)
-        scanned = sum(effect.scanned for effect in model.transducer.effects)
-        return self.cost + 2.0 * (fitted + scanned + self.begun)
 
 
 class FitRecord(NamedTuple):
@@ -143,7 +117,7 @@ class CandidateFits:
         """
         found = []
         for start in starts_of(scales, now.found, self.library):
-            key = _effect_keys(now.found.model), start
+            key = effect_keys(now.found.model), start
             if start.scanned and key not in self._scanned:
                 step = self._scan(now, start)
                 if step is not None:
@@ -206,7 +180,7 @@ class CandidateFits:
         take otherwise.
         """
         if effect.scanned:
-            return self.remember(self._scanned.get((_effect_keys(now.found.model), effect)))
+            return self.remember(self._scanned.get((effect_keys(now.found.model), effect)))
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)
         model = replace(model, at_rest=model.at_rest and not begun)
@@ -393,7 +367,7 @@ class CandidateFits:
 
     def best_without(self, now: EffectChange, n: int) -> EffectChange | None:
         """Best known fit without the n-th effect."""
-        keys = _effect_keys(now.found.model)
+        keys = effect_keys(now.found.model)
         keys = keys[:n] + keys[n + 1 :]
         if keys not in self._best_fits:
             self.fit_without(now, n)
@@ -401,8 +375,8 @@ class CandidateFits:
 
     def fit_without(self, now: EffectChange, n: int) -> None:
         """Fit the model without the n-th effect, from the present values, and remember it."""
-        less = _model_without(now.found.model, n)
-        known = self._best_fits.get(_effect_keys(less))
+        less = model_without(now.found.model, n)
+        known = self._best_fits.get(effect_keys(less))
         aim = np.inf if known is None else known.cost + thresholds.CLOSE_COST  # only a better fit matters
         nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, less)
         indispensable = now.cost + thresholds.INDISPENSABLE_GAIN
@@ -426,7 +400,7 @@ class CandidateFits:
     def remember(self, step: EffectChange | None) -> EffectChange | None:
         """Record the step as the best with its effects if it is; returns the step."""
         if step is not None:
-            key = _effect_keys(step.found.model)
+            key = effect_keys(step.found.model)
             self._best_fits[key] = min(step, self._best_fits.get(key, step), key=lambda each: each.cost)
         return step
 
@@ -453,110 +427,3 @@ class CandidateFits:
         self.fit_records.append(FitRecord(names, change, variance_inflation(found, -1)))
         self.progress(Step(f"tried {names or 'nominal values'}: misfit (-2 ln L) {change:+.1f}"))
         return step
-
-
-def cost_to_reach(others: Sequence[EffectChange]) -> float:
-    """Cost that another fit has to reach to be of interest beside these."""
-    return min((other.fair_cost for other in others), default=np.inf) + thresholds.CLOSE_COST
-
-
-def variance_inflation(found: Fit, n: int) -> float:
-    """Variance of the n-th effect's strength over that with white residuals.
-
-    The errors of a rounding sensor are correlated while its load is constant: they resemble creep, a contact, or the
-    end of a range.
-    """
-    place = _strength_column(found, n)
-    return 1.0 if place is None else inflation(found, place)
-
-
-def significance(found: Fit, n: int) -> float:
-    """Wald statistic of the n-th effect's strength; infinite for a spectral line, or where it is scanned."""
-    place = _strength_column(found, n)
-    if place is None:
-        return np.inf
-    parameter = found.model.parameters[place]
-    inner = parameter.inner(value_at(found.model.transducer, parameter.path))
-    size = 1.0 if parameter.scaling == "log" else float(np.real(inner))
-    return size**2 / float(covariance(found)[place, place])
-
-
-def standard_errors_from_zero(problem: Problem, found: Fit, n: int) -> float:
-    """Distance of the n-th effect's strength from zero in its standard errors.
-
-    Parameters that the records do not determine are taken as known: an effect correlated with one of these is not less
-    certain for it. A strength that is scanned is not zero where other events than those at zero fit better.
-    """
-    if found.model.transducer.effects[n].scanned:
-        return np.inf
-    scatter, place = covariance(found, _undetermined_places(found)), _strength_column(found, n)
-    if place is None:
-        size, error = line_amplitude(problem, found, n, scatter)
-        return size / error if error > 0.0 else np.inf
-    parameter = found.model.parameters[place]
-    if parameter.scaling == "log":
-        return np.inf
-    inner = float(np.real(parameter.inner(value_at(found.model.transducer, parameter.path))))
-    return abs(inner) / float(np.sqrt(scatter[place, place]))
-
-
-def _undetermined_places(found: Fit) -> list[int]:
-    """Transducer parameters that the data does not determine, the least certain one first."""
-    places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path[0] != "effects"]
-    fixed: list[int] = []
-    while places:
-        std = np.sqrt(np.diag(covariance(found, fixed)))
-        worst = max(places, key=lambda k: std[k] / size_of(found, k))
-        if std[worst] / size_of(found, worst) < thresholds.MAX_RELATIVE_ERROR:
-            break
-        fixed.append(worst)
-        places.remove(worst)
-    return fixed
-
-
-def line_amplitude(problem: Problem, found: Fit, n: int, scatter: np.ndarray) -> tuple[float, float]:
-    """Root mean square over records of the amplitude of a line (the n-th effect), and its standard error."""
-    effect = found.model.transducer.effects[n]
-    start = f"{effect.name} {getattr(effect, 'channel', '')} "  # prefix of its nuisance parameters
-    names = [problem.nuisance_names(found.model, data) for data in problem.data]
-    parts = np.concatenate(found.nuisance) * [name.startswith(start) for some in names for name in some]
-    records = sum(any(name.startswith(start) for name in some) for some in names)
-    amplitude = float(np.sqrt(parts @ parts / records))
-    slopes = np.pad(parts / (records * amplitude), (len(scatter) - len(parts), 0))
-    return amplitude, float(np.sqrt(slopes @ scatter @ slopes))
-
-
-def _strength_column(found: Fit, n: int) -> int | None:
-    """Column of the n-th effect's strength; None without one, or for a line (nuisance parameters)."""
-    effects = found.model.transducer.effects
-    if not effects:
-        return None
-    n = n % len(effects)
-    path = ("effects", n, type(effects[n]).strength().name)
-    return next((k for k, parameter in enumerate(found.model.parameters) if parameter.path == path), None)
-
-
-def effect_key(effect: Effect) -> str:
-    """Identity of an effect in fits: its name with its channel or label."""
-    labels = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
-    return " ".join([effect.name, *(str(getattr(effect, name)) for name in labels)])
-
-
-def _effect_keys(model: Model) -> tuple[str, ...]:
-    """Identities of a model's effects."""
-    return tuple(effect_key(effect) for effect in model.transducer.effects)
-
-
-def _model_without(model: Model, n: int) -> Model:
-    """Model without its n-th effect."""
-    effects = model.transducer.effects
-    kept = [k for k in range(len(effects)) if k != n]
-    parameters = []
-    for parameter in model.parameters:
-        if parameter.path[0] != "effects":
-            parameters.append(parameter)
-        elif parameter.path[1] in kept:
-            path = ("effects", kept.index(parameter.path[1]), *parameter.path[2:])
-            parameters.append(replace(parameter, path=path))
-    transducer = put(model.transducer, ("effects",), tuple(effects[k] for k in kept))
-    return replace(model, transducer=transducer, parameters=tuple(parameters))
