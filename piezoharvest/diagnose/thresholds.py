@@ -216,9 +216,9 @@ PRIOR_LOG_ODDS = Threshold(
     source="choice: thirty places share what is left to laws without a name, and the library holds the usual effects",
 )
 MAX_DOUBTED_GAIN = Threshold(
-    1e3,
+    1e5,
     decides="gain of all effects in -2 ln L up to which laws at other places are held against them",
-    source="theory: of more, the few per cent that a wrong place leaves fail a residual test",
+    source="theory: of more, the half per cent that a wrong place leaves at least fails a residual test",
 )
 MUCH_LEFT = Threshold(
     1.0,

@@ -112,14 +112,18 @@ def outcome_of(made: Made, found: Diagnosis) -> str:
         return "wrong" if confident else "missed" if verdict == "adequate" else "right"
     wanted = {named(made.trial)} if kind == "pair" else set()
     law, effects = _largest(found), {each.effect.name for each in found.effects}
-    if verdict == "new_effect" and law is not None and at_site(law, made) and effects == wanted:
-        return "right"
     place = made.site[0] if made.site else ""
-    if verdict == "effect" and kind == "law" and effects <= set(KIN.get(place, ())):
+    near = set(KIN.get(place, ()))
+    # A free law holds what acts at its own place already: nothing tells the two apart.
+    if verdict == "new_effect" and law is not None and at_site(law, made) and wanted - near <= effects <= wanted:
+        return "right"
+    if verdict == "effect" and kind in ("law", "pair") and effects - wanted <= near:
         return "kin"
     if confident:
         return "wrong"
     told = law is not None and (at_site(law, made) or any(_is(r.place, r.input, made) for r in law.rivals))
+    # A law that is as likely as known effects is named by its place alone; and one of these may have the true place.
+    told = told or bool(effects & near) or any(n.startswith(f"{place} ") for names in found.alternatives for n in names)
     return "among" if verdict == "ambiguous" and told else "missed"
 
 

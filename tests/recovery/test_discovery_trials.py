@@ -91,7 +91,7 @@ def test_held_out_seeds_are_none_that_code_may_be_changed_for_and_a_first_part_h
     assert all(abs(first.count(sigma) - len(first) / len(SIGMAS)) <= 1 for sigma in SIGMAS)
 
 
-def found(verdict, *sites, effects=(), rivals=()):
+def found(verdict, *sites, effects=(), rivals=(), alternatives=()):
     """A diagnosis as far as it is judged."""
     laws = [
         SimpleNamespace(
@@ -101,10 +101,11 @@ def found(verdict, *sites, effects=(), rivals=()):
         for n, (place, of) in enumerate(sites)
     ]  # fmt: skip
     named = [SimpleNamespace(effect=SimpleNamespace(name=name)) for name in effects]
-    return SimpleNamespace(verdict=verdict, discovery=laws, effects=named)
+    return SimpleNamespace(verdict=verdict, discovery=laws, effects=named, alternatives=alternatives)
 
 
 LOAD, SPRING = ("load", "voltage"), ("spring", "displacement")
+BESIDE = trials.named(Trial("pair", "knee", "load"))  # the known effect of such a pair
 
 
 @pytest.mark.parametrize(
@@ -118,6 +119,12 @@ LOAD, SPRING = ("load", "voltage"), ("spring", "displacement")
      ("law", found("new_effect", LOAD, effects=("leakage",)), "wrong"),
      ("law", found("ambiguous", SPRING, rivals=(LOAD,)), "among"),
      ("law", found("ambiguous", SPRING), "missed"),
+     ("law", found("ambiguous", effects=("stiffening",), alternatives=(("load table",),)), "among"),
+     ("law", found("ambiguous", effects=("load_error",), alternatives=(("spring table",),)), "among"),
+     ("law", found("ambiguous", effects=("stiffening",), alternatives=(("coupling table",),)), "missed"),
+     ("pair", found("new_effect", LOAD, effects=(BESIDE,)), "right"),
+     ("pair", found("new_effect", LOAD), "wrong"),
+     ("pair", found("effect", effects=("load_error", BESIDE)), "kin"),
      ("law", found("unexplained"), "missed"),
      ("law", found("adequate"), "missed"),
      ("healthy", found("adequate"), "right"),

@@ -19,7 +19,7 @@ from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import inner_values
-from piezoharvest.identify.fitting.output_error import fit, linearised
+from piezoharvest.identify.fitting.output_error import fit, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -99,7 +99,7 @@ class LawFit:
     def freedom(self) -> float:
         """Effective number of the law's parameters."""
         inside, _ = self.normal
-        return float(np.trace(np.linalg.solve(inside + np.diag(np.diag(self.found.prior)[self.own]), inside)))
+        return float(np.trace(inverse(inside + np.diag(np.diag(self.found.prior)[self.own])) @ inside))
 
     @property
     def criterion(self) -> float:

@@ -2,6 +2,7 @@
 
 Of a large effect at a wrong place enough is left for residual tests to see; of a small one it is lost in the noise. The
 effects are compared with free laws by their evidence, as laws at different places are, but with better odds beforehand.
+A law at the place of an effect counts only where it rules the effect's formula out.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def rivals(
     problem: Problem, starts: Sequence[Fit], final: Fit, known: Sequence[Effect], freedom: Callable[[Fit], int],
     progress: Callable[[str], None],
 ) -> list[tuple[LawFit, float]]:  # fmt: skip
-    """Laws at other places that are not ruled out beside known effects, the likeliest first.
+    """Laws that are not ruled out beside known effects, or at their places rule these out, the likeliest first.
 
     Parameters
     ----------
@@ -54,21 +55,21 @@ def rivals(
     for start in starts:
         price = (freedom(final) - freedom(start)) * np.log(sum(float(sums.count.sum()) for sums in start.sums))
         gain = start.cost - final.cost - price
-        for each in _promising(problem, start, gain, taken):
+        for each in _promising(problem, start, gain):
             law = fitted(problem, start, each.law, each.visited, each.smoothness.deviation)
             if law is None or not law.found.converged or not takes_energy(problem, law, start.cost - law.found.cost):
                 continue
             odds = 0.5 * (start.cost - law.evidence - gain) - thresholds.PRIOR_LOG_ODDS
             progress(f"a law at {law.place.name} instead, of {law.place.input}: logarithm of the odds {odds:+.1f}")
-            found += [(law, odds)] if odds > -thresholds.MIN_LOG_ODDS else []
+            least = thresholds.MIN_LOG_ODDS * (1.0 if law.place.name in taken else -1.0)
+            found += [(law, odds)] if odds > least else []
     return sorted(found, key=lambda pair: -pair[1])
 
 
-def _promising(problem: Problem, start: Fit, gain: float, taken: set[str]) -> list[Scored]:
-    """Tables at places that no effect has, whose scores come near to the gain of the effects, the highest first."""
+def _promising(problem: Problem, start: Fit, gain: float) -> list[Scored]:
+    """Tables whose scores come near to the gain of the effects, the highest first."""
     visited = visited_inputs(problem, start)
-    places = [place for place in places_of(problem, visited) if place.name not in taken]
-    forms = [(place, table_for(place, visited[place.input])) for place in places]
+    forms = [(place, table_for(place, visited[place.input])) for place in places_of(problem, visited)]
     laws = [Law(place=place, form=form) for place, form in forms if form is not None]
     scored = [score(problem, start, law, visited[law.place.input]) for law in laws]
     enough = thresholds.MIN_EXCHANGE_SCORE * (gain + 2.0 * (thresholds.PRIOR_LOG_ODDS - thresholds.MIN_LOG_ODDS))
