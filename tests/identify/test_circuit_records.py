@@ -33,12 +33,13 @@ RECORDS = [
 
 
 def campaign(
-    folder, shunt, seed, effects=(), fit=(), duration=0.4, channels=("displacement", "voltage"), records=RECORDS
-):
+    folder, shunt, seed, effects=(), fit=(), duration=0.4, channels=("displacement", "voltage"), records=RECORDS,
+    more=None,
+):  # fmt: skip
     """Campaign with a hidden effect, whose nominal values are three per cent off."""
     bench = {
         "sample_rate": 4000.0, "duration": duration, "seed": seed, "nominal_error": 0.03, "channels": list(channels),
-        **SENSORS, "records": records, "effects": dict(effects),
+        **SENSORS, **(more or {}), "records": records, "effects": dict(effects),
     }  # fmt: skip
     drive = {"kind": "sine_force", "amplitude": 0.03, "frequency": 50.6}
     tables = {"transducer": BENCH, "excitation": drive, "shunts": [shunt], "bench": bench}
@@ -97,10 +98,20 @@ def test_a_first_fit_away_from_the_jumps_of_the_voltage(tmp_path):
     """With the samples beside them the first fit ends in another minimum here."""
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
-    assert "start: fit away from the voltage jumps" in told
+    assert "start: fit away from the jumps of voltage and current" in told
     assert "another start: circuits with their nominal values" not in told
     assert not found.warnings
     check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
+
+
+def test_a_current_that_jumps_as_diodes_begin_to_conduct(tmp_path):
+    """With the samples beside the jumps the first fit ends with mass and stiffness a quarter off in such a campaign."""
+    told = []
+    sensors, small = ("displacement", "voltage", "current", "dc_voltage"), {"gain": 100.0, "noise": 3e-8}
+    measured = campaign(tmp_path, RECTIFIER, 5, channels=sensors, records=RECORDS[:3], more={"current_sense": small})
+    found = identify(measured, progress=told.append)
+    assert "start: fit away from the jumps of voltage and current" in told
+    check_values(found, BENCH)
 
 
 @pytest.mark.slow

@@ -24,6 +24,9 @@ from piezoharvest.records.record import Signal
 # Realisations of the drive's noise. A weight needs a variance to a factor of two. The variance of a parameter follows
 # from 32 to a quarter, its standard error to an eighth; of longer records fewer are kept, so that they fit into memory.
 FOR_WEIGHTS, FOR_ERRORS = 4, 32
+# A jump beside a sample may fall on the other side of it, which is rare, but an error of a thousand times the noise:
+# realisations with so many times the noise find samples within some standard deviations of a jump.
+WIDE, WIDENED = 16, 4.0
 MAX_VALUES = 1 << 26
 
 
@@ -63,7 +66,11 @@ class EventNoise:
         """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there."""
         if self.known:
             return np.ones((len(self._drive), len(self._channels)))
-        return self._own / np.sqrt(self._own**2 + np.mean(self._errors(FOR_WEIGHTS) ** 2, axis=0))
+        variance = np.mean(self._errors(FOR_WEIGHTS) ** 2, axis=0)
+        if self._noise > 0.0:
+            wide = np.mean(self._errors(WIDE, WIDENED) ** 2, axis=0) / WIDENED**2
+            variance = np.maximum(variance, wide)
+        return self._own / np.sqrt(self._own**2 + variance)
 
     @cached_property
     def _weighted_errors(self) -> np.ndarray:
@@ -99,8 +106,11 @@ class EventNoise:
         own = (share[:, :, None] * slopes).reshape(-1, p)
         return found, own.T @ own
 
-    def _errors(self, count: int) -> np.ndarray:
-        """Realisations (n, samples, channels) of the errors; those that cannot be followed are left out."""
+    def _errors(self, count: int, times: float = 1.0) -> np.ndarray:
+        """Realisations (n, samples, channels) of the errors by some times the noise of the drive.
+
+        Those that cannot be followed are left out.
+        """
         prediction, channels, found = self._prediction, self._channels, []
         base = _values(prediction, channels)
         drives = (

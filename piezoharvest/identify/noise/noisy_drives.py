@@ -14,7 +14,9 @@ KEPT = 4  # realisations for each signal that are kept: those that many models u
 _KNOWN: WeakKeyDictionary[Signal, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
 
 
-def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> Iterator[np.ndarray]:
+def noisy_drives(
+    signal: Signal, true: np.ndarray, sigma: float, count: int, *, kept: bool = True
+) -> Iterator[np.ndarray]:
     """Drives with noise added and removed again; the first ones are cached, since many models use them.
 
     Parameters
@@ -27,7 +29,12 @@ def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> 
         Standard deviation of its noise.
     count : int
         Number of realisations.
+    kept : bool
+        False for realisations that are used once, with a noise other than that of the drive.
     """
+    if not kept:
+        yield from (_realisation(true, sigma, seed) for seed in range(count))
+        return
     known, drawn = _KNOWN.get(signal, (np.nan, []))
     if known != sigma:
         drawn = []

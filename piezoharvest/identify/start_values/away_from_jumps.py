@@ -1,8 +1,9 @@
-"""First fit of records behind switches: away from the jumps of the voltage, then with them.
+"""First fit of records behind diodes and switches: away from the jumps of voltage and current, then with them.
 
-A voltage that is inverted within a sample or two differs by a thousand times its noise from one that is inverted a
-little later. While the parameters are a few per cent off, the cost has a minimum for each way in which some jumps of
-the model meet those of the record. Without the samples beside the jumps, the motion between them decides.
+A voltage that is inverted within a sample or two, or the current of a diode that begins to conduct, differs by a
+thousand times its noise from one a little later. While the parameters are a few per cent off, the cost has a minimum
+for each way in which some jumps of the model meet those of the record. Without the samples beside the jumps, the motion
+between them decides.
 
 A record that begins at rest does so in this first fit, too: from a state a little beside rest the switch acts once more
 at the very beginning, or once less, which no small step takes back.
@@ -20,13 +21,15 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_problem
+from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.identify.start_values.multistart import MAX_MEAN_SQUARE, fit_multistart
 from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.prediction import PredictionError
 
-# A change between two samples is a jump from so many times the steepest one of a sine of the same range; parameters
-# whose events are off by this share of a period at most are found.
-MIN_STEEPNESS, SHARE = 2.0, 1.0 / 12.0
+# A change between two samples is a jump from so many times the steepest one of a sine of the same range, beyond what
+# noise changes by in a million samples; parameters whose events are off by this share of a period at most are found.
+MIN_STEEPNESS, NOISE_MARGIN, SHARE = 2.0, 5.0 * np.sqrt(2.0), 1.0 / 12.0
+JUMPING = ("voltage", "current")
 
 
 def fit_past_jumps(
@@ -35,7 +38,7 @@ def fit_past_jumps(
     progress: Callable[[str], None],
     poor: Callable[[Fit], None] = lambda found: None,
 ) -> Fit:
-    """Fit from initial estimates, where voltages jump first without the samples beside the jumps.
+    """Fit from initial estimates, where voltages or currents jump first without the samples beside the jumps.
 
     Where that ends far off, as with an effect that the model lacks, the fit of all samples from the beginning is made
     too, and the better one taken; `poor` is called as by `fit_multistart`.
@@ -43,7 +46,7 @@ def fit_past_jumps(
     blind = without_jumps(problem)
     if blind is problem:
         return fit_multistart(problem, model, progress, poor)
-    progress("start: fit away from the voltage jumps")
+    progress("start: fit away from the jumps of voltage and current")
     first = fit_multistart(blind, model, progress)
     nuisance = nuisance_for_problem(blind, first.nuisance, problem, first.model)
     try:
@@ -58,7 +61,7 @@ def fit_past_jumps(
 
 
 def without_jumps(problem: Problem) -> Problem:
-    """The problem without the samples beside jumps of the voltage, from rest where a record begins there.
+    """The problem without the samples beside jumps, from rest where a record begins there.
 
     The problem itself if there are no jumps.
     """
@@ -82,11 +85,13 @@ def _from_rest(data: Data) -> Data:
 
 
 def beside_jumps(data: Data, period: float) -> np.ndarray:
-    """Mask (samples,) of what is beside a jump of the measured voltage, for a period of the motion in s."""
-    if "voltage" not in data.channels:
-        return np.zeros(len(data), bool)
-    voltage, step = data.record["voltage"], data.setting.sample_time
-    steepest = np.pi * step / period * np.ptp(voltage)
-    jumps = np.abs(np.diff(voltage, prepend=voltage[0])) > MIN_STEEPNESS * steepest
+    """Mask (samples,) of what is beside a jump of a measured channel, for a period of the motion in s."""
+    step = data.setting.sample_time
     reach = int(np.ceil(SHARE * period / step))
+    jumps = np.zeros(len(data), bool)
+    for channel in set(JUMPING) & set(data.channels):
+        values = data.record[channel]
+        noise = data.sigma.get(channel, initial_noise(values))
+        most = MIN_STEEPNESS * np.pi * step / period * np.ptp(values) + NOISE_MARGIN * noise
+        jumps |= np.abs(np.diff(values, prepend=values[0])) > most
     return np.convolve(jumps, np.ones(2 * reach + 1), "same") > 0.0 if 2 * reach < len(data) else jumps
