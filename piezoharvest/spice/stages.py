@@ -177,8 +177,8 @@ def _write_first_stage(
     current = point.voltage / impedance
     deck.add("Vbridge b opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
-    # Beside a core hardly anything keeps the current from changing at once, and its sign has to change less steeply.
-    rounding = 1e-8 if shunt.core_resistance is None else 1e-6
+    # Beside a core or a winding hardly anything keeps the current from changing at once: its sign changes less steeply.
+    rounding = 1e-8 if shunt.ended else 1e-6 if shunt.self_resonance is None else 1e-5
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(rounding)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     lost = f"2*{resistance}*{number(current)}*V(through)"

@@ -74,6 +74,7 @@ GIVEN = {
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
+WOUND = {"switch_resistance": 30.0, "self_resonance": 4e4}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
 ESR = {
     "dc_voltage": None,
@@ -117,10 +118,12 @@ VARIANTS = {
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
         {"phase_lag": -0.2, "on_time_error": -0.2, "core_resistance": 3e3, **LEAKING},
+        {"phase_lag": -0.2, "on_time_error": -0.2, **WOUND},
     ],
     "series_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
         {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0, "core_resistance": 3e3},
+        {"on_time_error": 0.4, "diode_drop": 0.1, **WOUND},
     ],
     "sshc": [
         {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
@@ -128,7 +131,7 @@ VARIANTS = {
     ],
     "bias_flip": [
         {"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1},
-        {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3},
+        {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3, **WOUND},
     ],
     "sice": [
         {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1},
@@ -138,6 +141,7 @@ VARIANTS = {
     "dssh": [
         {"phase_lag": 0.2, "on_time_error": -0.5},
         {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7, "core_resistance": 3e3},
+        {"on_time_error": 0.3, **WOUND},
     ],
     "sece": [
         {"efficiency": 0.7, "phase_lag": -0.2, "gate_energy": 1e-9},
@@ -146,8 +150,11 @@ VARIANTS = {
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2, "core_resistance": 3e3},
     ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}, {**COIL, "phase_lag": 0.2, "on_time_error": 0.1}],
-    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3}],
-    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}],
+    "ssdi": [
+        {"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3},
+        {"on_time_error": -0.3, **WOUND},
+    ],
+    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}, WOUND],
     "current_blocking": [{"coil_quality": 20.0}],
     "series_rl": [
         {"winding_resistance": 0.1 * IMPEDANCE, "core_resistance": 20 * IMPEDANCE},
