@@ -183,7 +183,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
     if option.shunt is not None and option.load_resistance is not None:
         raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
     if option.shunt is not None:
-        return build_shunt(option.shunt, f"{where}.shunt")
+        return build_shunt(option.shunt, f"{where}.shunt", study.transducer)
     if option.load_resistance is not None:
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
