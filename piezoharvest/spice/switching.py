@@ -191,8 +191,11 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
-    change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * on_time)
-    write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
+    time = 2 * EDGE * on_time / STEEPNESS
+    critical = math.exp(np.euler_gamma) * time / inductance
+    if core is not None:  # the current goes over to what is beside the inductance before that
+        critical += 1 / core + math.exp(-np.euler_gamma) * CORE_STRAY * capacitance / time
+    write_switch(deck, ("k", end), critical, ideal / impedance**2, OPEN / impedance)
     return impedance
 
 

@@ -108,12 +108,13 @@ VARIANTS = {
         {**ESR, **LEAKING, "diode_drop": 0.2},
     ],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
-    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, **LEAKING}],
+    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, "core_resistance": 3e3, **LEAKING}],
     "self_powered_series_sshi": [
         {**ESR, "diode_drop": 0.05},
-        {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0},
+        {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0, "core_resistance": 3e3},
     ],
-    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7}],
+    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7, "core_resistance": 3e3}],
+    "self_powered_ssdi": [{"diode_drop": 0.05, "core_resistance": 3e3}],
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
@@ -149,7 +150,10 @@ VARIANTS = {
         {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2, "core_resistance": 3e3},
     ],
-    "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}, {**COIL, "phase_lag": 0.2, "on_time_error": 0.1}],
+    "ssds": [
+        {"phase_lag": 0.2, "detector_threshold": 1.0},
+        {**COIL, "phase_lag": 0.2, "on_time_error": 0.1, "core_resistance": 3e3},
+    ],
     "ssdi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3},
         {"on_time_error": -0.3, **WOUND},

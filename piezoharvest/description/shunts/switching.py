@@ -206,7 +206,7 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
     Raises
     ------
     ParameterError
-        An inductance is given without a quality, or a quality without one.
+        An inductance is given without a quality, or a quality or a core without one.
     """
 
     inductance: float | None = quantity(
@@ -224,6 +224,8 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
         if (self.inductance is None) != (self.quality is None):
             missing = "quality" if self.quality is None else "inductance"
             raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
+        if self.at_once and getattr(self, "core_resistance", None) is not None:
+            raise ParameterError("core_resistance", "found without an inductance, whose core it is of: give both")
 
     @property
     def at_once(self) -> bool:
