@@ -202,12 +202,17 @@ def test_gradient_of_a_self_resonance():
 
 
 @pytest.mark.parametrize(
-    "keys", [{"inductance": 0.1}, {"inductance": 0.1, "switch_resistance": 0.0}, {"flip_time": 1e-4}]
+    ("keys", "key"),
+    [
+        ({"inductance": 0.1}, "self_resonance"),
+        ({"flip_time": 1e-4}, "self_resonance"),
+        ({"inductance": 0.1, "switch_resistance": 0.0}, "switch_resistance"),
+    ],
 )
-def test_a_winding_behind_nothing_is_refused(keys):
+def test_a_winding_behind_nothing_is_refused(keys, key):
     with pytest.raises(ParameterError) as caught:
         SSDI(quality=5.0, self_resonance=1e5, **keys)
-    assert caught.value.key == "switch_resistance"
+    assert caught.value.key == key
     assert is_sentence(caught.value.message)
 
 

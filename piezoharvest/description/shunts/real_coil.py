@@ -99,8 +99,11 @@ class WoundSwitch(CoredSwitch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.self_resonance is not None and self.switch_resistance is None:
+            found = "found without a switch_resistance, through which the capacitance of the winding is charged"
+            raise ParameterError("self_resonance", f"{found}: give both")
         if self.self_resonance is not None and np.any(np.real(self.contact_resistance) == 0):
-            found = "found 0 or none with a self_resonance, whose capacitance would be charged at once"
+            found = "found 0 together with a self_resonance, whose capacitance would be charged at once"
             raise ParameterError("switch_resistance", f"{found}, must be greater than 0 ohm")
 
     @property
