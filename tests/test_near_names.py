@@ -3,10 +3,10 @@
 import pytest
 
 from piezoharvest.description.catalogue import materials
-from piezoharvest.description.catalogue.parts import diodes, with_parts
+from piezoharvest.description.catalogue.parts import parts, with_parts
 from piezoharvest.description.figures import data_sheet
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import registered
+from piezoharvest.description.shunts import Rectifier, registered
 from piezoharvest.near_names import did_you_mean, near_names
 from piezoharvest.study import build_transducer
 
@@ -38,13 +38,13 @@ def test_each_kind_of_circuit_is_found_by_a_slip(kind):
 
 def test_diodes_and_materials_are_suggested():
     with pytest.raises(ParameterError, match=r"diode: found 'bat54' \(did you mean 'BAT54'\?\), allowed are"):
-        with_parts({"diode": "bat54"}, ["diode_drop"])
+        with_parts({"diode": "bat54"}, Rectifier)
     with pytest.raises(ParameterError, match=r"diode: found \['BAT54'\], allowed are"):
-        with_parts({"diode": ["BAT54"]}, ["diode_drop"])
+        with_parts({"diode": ["BAT54"]}, Rectifier)
     with pytest.raises(ParameterError, match=r"material: found 'pzt5a'.*allowed are"):
         data_sheet({"material": "pzt5a"})
     assert near_names("pzt 5a", materials()) == ["PZT-5A"]
-    assert near_names("1N41", diodes()) == ["1N4148"]
+    assert near_names("1N41", parts("diode")) == ["1N4148"]
 
 
 def test_a_misspelt_figure_of_a_data_sheet_is_named():

@@ -183,7 +183,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
     if option.shunt is not None and option.load_resistance is not None:
         raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
     if option.shunt is not None:
-        return build_shunt(option.shunt, f"{where}.shunt")
+        return build_shunt(option.shunt, f"{where}.shunt", study.transducer)
     if option.load_resistance is not None:
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
@@ -218,8 +218,8 @@ def check_shunt(shunt: Shunt, where: str) -> None:
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, for which the virtual bench has no circuit"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
-    cored = getattr(shunt, "core_resistance", None) is not None
-    if cored or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
+    real = any(getattr(shunt, key, None) is not None for key in ("core_resistance", "self_resonance"))
+    if real or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
         raise ParameterError(
             where, "found a coil with losses or a self-resonance, but the virtual bench has only ideal ones"
         )

@@ -1,4 +1,4 @@
-"""`piezoharvest catalogue`: the transducers and materials that come with the package."""
+"""`piezoharvest catalogue`: the transducers, materials and parts that come with the package."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note
 from piezoharvest.description import catalogue
+from piezoharvest.description.catalogue import parts as bought
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import build_transducer, unknown
 
@@ -21,10 +22,11 @@ def show(name: str | None, *, as_json: bool) -> int:
     if name is None:
         entries = [_transducer(entry) for entry in catalogue.names()]
         materials = [_material(material) for material in catalogue.materials()]
+        parts = {sort.file: [_part(key, name) for name in bought.parts(key)] for key, sort in bought.SORTS.items()}
         if as_json:
-            tables.print_json({"transducers": entries, "materials": materials})
+            tables.print_json({"transducers": entries, "materials": materials, **parts})
         else:
-            tables.print_catalogue(entries, materials)
+            tables.print_catalogue(entries, materials, parts)
             note("`piezoharvest catalogue NAME` shows one entry with its source")
         return 0
     found = _one(name)
@@ -36,12 +38,15 @@ def show(name: str | None, *, as_json: bool) -> int:
 
 
 def _one(name: str) -> dict[str, Any]:
-    """A transducer or a material of the catalogue."""
+    """A transducer, a material or a part of the catalogue."""
     if name in catalogue.names():
         return _transducer(name)
     if name in catalogue.materials():
         return _material(name)
-    wrong = unknown("NAME", name, (*catalogue.names(), *catalogue.materials()))
+    found = {part: key for key in bought.SORTS for part in bought.parts(key)}
+    if name in found:
+        return _part(found[name], name)
+    wrong = unknown("NAME", name, (*catalogue.names(), *catalogue.materials(), *found))
     raise ParameterError("catalogue", wrong.message)
 
 
@@ -51,6 +56,16 @@ def _material(name: str) -> dict[str, Any]:
     values = {key: {"value": value, "unit": _CONSTANTS[key]} for key, value in found["material"].items()}
     return {
         "key": name, "name": found["name"], "source": found["source"], "note": found["note"].strip(), "values": values,
+    }  # fmt: skip
+
+
+def _part(sort: str, name: str) -> dict[str, Any]:
+    """A part of the catalogue with what its data sheet says."""
+    found = bought.parts(sort)[name]
+    values = {key: {"value": value, "unit": bought.UNITS[key]} for key, value in found.items() if key in bought.UNITS}
+    return {
+        "key": name, "name": f"{name}, {bought.SORTS[sort].doc}", "source": found["source"], "note": found["note"],
+        "values": values,
     }  # fmt: skip
 
 

@@ -179,8 +179,12 @@ def print_sweep(
     _print_table(title, "best", [name], columns, [True], [keys])
 
 
-def print_catalogue(entries: Sequence[Mapping[str, Any]], materials: Sequence[Mapping[str, Any]]) -> None:
-    """Print a line for each transducer and for each material of the catalogue."""
+def print_catalogue(
+    entries: Sequence[Mapping[str, Any]],
+    materials: Sequence[Mapping[str, Any]],
+    parts: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> None:
+    """Print a line for each transducer, each material and each part of the catalogue, these by their sort."""
     header = ("name", "resonance", "k", "C", "T", "what")
     rows = [
         (
@@ -195,6 +199,8 @@ def print_catalogue(entries: Sequence[Mapping[str, Any]], materials: Sequence[Ma
     ]
     print_rows("transducers: resonance with shorted electrodes, coupling factor, clamped C, T", header, rows)
     print_rows("materials", ("name", "what"), [(each["key"], each["name"]) for each in materials])
+    for sort, some in parts.items():
+        print_rows(sort, ("name", "what"), [(each["key"], each["note"]) for each in some])
 
 
 def print_entry(entry: Mapping[str, Any]) -> None:

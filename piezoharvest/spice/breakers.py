@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 
-from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.sece import SelfPoweredSECE
 from piezoharvest.description.shunts.self_powered.series_sshi import SelfPoweredSeriesSSHI
 from piezoharvest.spice.bridges import BRIDGE, write_bridge, write_dc_side
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
+from piezoharvest.spice.stages import LoadedCoil, write_coil_to_load
+from piezoharvest.spice.switching import CORE_STRAY
 
 # Resistance of a closed breaker relative to sqrt(L/C), which is left out of the coil's, and that beside the coil, which
 # takes what an edge leaves in it.
@@ -24,19 +26,16 @@ FOLLOW, SPEND = 0.01, 0.5
 # Shares of the expected voltage: within which a latch decides, at which a capacitor counts as empty, and what keeps a
 # latch set until it is, which is more than any voltage.
 DECIDE, EMPTY, HOLD = 1e-4, 1e-3, 1e3
+EMPTIED = 1e-3  # share of it within which the electrodes count as empty
+# Share of a flip with which the path follows that: longer, it opens late (5e-3 cost 1 % of the displacement); at once,
+# steps vanish in some circuits.
+LEAVE = 1e-3
 
 
 def write_breakers(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) -> NetlistCircuit:
-    """Coil and breakers from `p` to the ground or, of a series SSHI, to the dc side; and a bridge beside them.
-
-    Raises
-    ------
-    ParameterError
-        The circuit gives the energy of its coil to a load.
-    """
-    if getattr(shunt, "efficiency", None) is not None:
-        message = f"found {shunt.kind}, which cannot be exported: no element passes on what a coil holds at an instant"
-        raise ParameterError("shunt", message)
+    """Coil and breakers from `p` to the ground or, of a series SSHI, to the dc side; and a bridge beside them."""
+    if isinstance(shunt, SelfPoweredSECE):
+        return _write_extraction(deck, shunt, point)
     in_line = isinstance(shunt, SelfPoweredSeriesSSHI)
     forward, backward = _write_coil(deck, shunt, point, in_line)
     if in_line:
@@ -56,10 +55,14 @@ def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_
     impedance = math.sqrt(inductance / point.capacitance)
     least = CLOSED * impedance
     low, high = number(math.log(OPEN)), number(math.log(1 / CLOSED))
-    latches = [_write_breaker(deck, shunt, point, *side) for side in (("high", "V(p)"), ("low", "(-V(p))"))]
+    latches = _write_latches(deck, shunt, point)
     deck.section("coil, and the paths of both breakers")
     deck.add("Lloop p l", inductance, point.condition("current"))
     deck.add("Rsnubber p l", SNUBBER * impedance)
+    if shunt.core_resistance is not None:
+        deck.add("Rcore p l", shunt.core_resistance)
+        deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
+        deck.add("Cstray p l", CORE_STRAY * point.capacitance, "IC=0")
     # What the snubber takes while a breaker is closed is left out of the coil's resistance, as in `write_coil`.
     extra = float(getattr(shunt, "path_resistance", 0.0)) if in_line else 0.0
     deck.add("Rloop l k", extra + resistance - least - 2 * impedance / SNUBBER)
@@ -72,6 +75,32 @@ def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_
         currents.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
     deck.add(f"Bpath k 0 I={currents[0]} - {currents[1]}")
     return currents[0], currents[1]
+
+
+def _write_extraction(deck: Deck, shunt: SelfPoweredSECE, point: OperatingPoint) -> NetlistCircuit:
+    """Breakers in front of a coil that gives its energy to the load where the electrodes are empty."""
+    inductance, resistance = (float(part) for part in shunt.loop(point.capacitance))
+    impedance = math.sqrt(inductance / point.capacitance)
+    high, low = _write_latches(deck, shunt, point)
+    deck.comment("The path of a breaker is open again where the voltage that it found has fallen to zero.")
+    width = number((EMPTIED * point.voltage) ** 2)
+    deck.add(f"Bsign sign 0 V=V(p)/sqrt(V(p)*V(p)+{width})")
+    deck.add(f"Bpath path 0 V=0.5*(V({high})*(1+V(sign))+V({low})*(1-V(sign)))")
+    deck.add("Rpath path pulsex 1")
+    deck.add(f"Cpath pulsex 0 {number(LEAVE * shunt.nominal_flip_time(point.capacitance))} IC=0")
+    deck.add(f"Bside side 0 V=max(-1, min(1, 4*(V({high})-V({low}))))")
+    coil = LoadedCoil(inductance, resistance, impedance, abs(point.initial("current")), shunt.core_resistance)
+    voltage = f"V(side)*V(p)-{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}"
+    power = write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
+    deck.add("Bdraw p 0 I=V(side)*I(Vcoil)")
+    if shunt.consumption:
+        power = f"{power} - {number(shunt.consumption)}"
+    return NetlistCircuit(power, fastest=0.5 * shunt.nominal_flip_time(point.capacitance))
+
+
+def _write_latches(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) -> list[str]:
+    """Both breakers; return the nodes of their latches."""
+    return [_write_breaker(deck, shunt, point, *side) for side in (("high", "V(p)"), ("low", "(-V(p))"))]
 
 
 def _write_breaker(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, name: str, across: str) -> str:

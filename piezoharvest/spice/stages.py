@@ -159,9 +159,11 @@ def write_essh(deck: Deck, shunt: ESSH, point: OperatingPoint) -> NetlistCircuit
     fastest = min(swing, transfer / 4)
     timing = _write_first_stage(deck, shunt, point, switch, swing, fastest)
     impedance = math.sqrt(shunt.second_inductance / shunt.intermediate_capacitance)
-    coil = _Coil(float(shunt.second_inductance), float(shunt.second_resistance()), impedance, point.initial("second"))
+    coil = LoadedCoil(
+        float(shunt.second_inductance), float(shunt.second_resistance()), impedance, point.initial("second")
+    )
     timing.pulse("x", swing + _early(coil, fastest), swing + transfer)
-    power = _write_coil_to_load(deck, point, coil, "V(between)", shunt.efficiency)
+    power = write_coil_to_load(deck, point, coil, "V(between)", shunt.efficiency)
     deck.add("Bdraw between 0 I=I(Vcoil)")
     return NetlistCircuit(power, "V(between)", fastest=fastest)
 
@@ -177,8 +179,8 @@ def _write_first_stage(
     current = point.voltage / impedance
     deck.add("Vbridge b opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
-    # Beside a core hardly anything keeps the current from changing at once, and its sign has to change less steeply.
-    rounding = 1e-8 if shunt.core_resistance is None else 1e-6
+    # Beside a core or a winding hardly anything keeps the current from changing at once: its sign changes less steeply.
+    rounding = 1e-8 if shunt.ended else 1e-6 if shunt.self_resonance is None else 1e-5
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(rounding)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     lost = f"2*{resistance}*{number(current)}*V(through)"
@@ -200,18 +202,18 @@ def _write_extraction(
     capacitance = point.capacitance
     inductance, resistance = (float(part) for part in shunt.coil(capacitance))
     impedance, begins = math.sqrt(inductance / capacitance), abs(point.initial("coil"))
-    coil = _Coil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins, shunt.core_resistance)
+    coil = LoadedCoil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins, shunt.core_resistance)
     timing.pulse("x", _early(coil, on_time), on_time)
     # The voltage is negative after a maximum, at which the pulse is 1.
     side = f"max(-1, min(1, 4*{pulse}))"
     voltage = f"-{side}*V(p)-2*{deck.parameter('diode_drop', shunt.diode_drop)}"
-    power = _write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
+    power = write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
     deck.comment("The bridge is a diode in line with the coil, on either side of the electrodes by the pulse's sign.")
     deck.add(f"Bdraw p 0 I=-{side}*I(Vcoil)")
     return power
 
 
-class _Coil(NamedTuple):
+class LoadedCoil(NamedTuple):
     """Coil whose energy goes to the load when its switch opens: SI values, and sqrt(L/C) of its swing.
 
     The resistance beside it that is its `core` takes nothing of what goes to the load.
@@ -224,7 +226,7 @@ class _Coil(NamedTuple):
     core: float | None = None
 
 
-def _early(coil: _Coil, on_time: float) -> float:
+def _early(coil: LoadedCoil, on_time: float) -> float:
     """Time (s) by which the pulse of the coil is late, `on_time` being that of the shortest pulse.
 
     A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a
@@ -234,7 +236,7 @@ def _early(coil: _Coil, on_time: float) -> float:
     return change * math.log(math.exp(-np.euler_gamma) * coil.inductance / change / (LOAD * coil.impedance))
 
 
-def _write_coil_to_load(deck: Deck, point: OperatingPoint, coil: _Coil, voltage: str, efficiency: float) -> str:
+def write_coil_to_load(deck: Deck, point: OperatingPoint, coil: LoadedCoil, voltage: str, efficiency: float) -> str:
     """Coil at a voltage while the pulse "x" is there, then at the load; return an expression of the harvested power."""
     impedance = coil.impedance
     deck.section("extraction: Bload takes the energy of the coil when the switch opens")

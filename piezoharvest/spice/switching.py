@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.damping.ssds import SSDS
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
@@ -18,6 +19,8 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 # Switched loop: ratio to sqrt(L/C) of the resistance that absorbs the current cut when the switch opens, inverse ratio
 # of that of the closed switch, and conductance of the open switch relative to 1/sqrt(L/C).
 IDEAL, OPEN = 1e4, 1e-8
+# Resistance of the contact that closes as a share of that of the closed switch, the rest of which is in line.
+CONTACT = 1e-2
 # Stray capacitance of a coil with a core, over the clamped one.
 CORE_STRAY = 2e-4
 # The pulse that closes a switch rises and falls over this fraction of its length to each side; logarithm of the
@@ -166,6 +169,8 @@ def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
 
 def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float) -> float:
     """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
+    if isinstance(shunt, WoundSwitch) and shunt.self_resonance is not None:
+        return _write_wound_coil(deck, shunt, point, end, on_time)
     capacitance = point.capacitance
     inductance, resistance = shunt.loop(capacitance)
     impedance = math.sqrt(inductance / capacitance)
@@ -186,8 +191,32 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
-    change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * on_time)
-    write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
+    time = 2 * EDGE * on_time / STEEPNESS
+    critical = math.exp(np.euler_gamma) * time / inductance
+    if core is not None:  # the current goes over to what is beside the inductance before that
+        critical += 1 / core + math.exp(-np.euler_gamma) * CORE_STRAY * capacitance / time
+    write_switch(deck, ("k", end), critical, ideal / impedance**2, OPEN / impedance)
+    return impedance
+
+
+def _write_wound_coil(deck: Deck, shunt: WoundSwitch, point: OperatingPoint, end: str, on_time: float) -> float:
+    """The same with the capacitance of the winding, between which and the electrodes the switch is."""
+    capacitance = point.capacitance
+    inductance = float(shunt.loop(capacitance)[0])
+    impedance = math.sqrt(inductance / capacitance)
+    deck.section("switched inductor with the capacitance of its winding, which the current goes on to when it opens")
+    deck.add("Lloop p w", inductance, point.condition("inductor"))
+    if shunt.core_resistance is not None:
+        deck.add("Rcore p w", shunt.core_resistance)
+    deck.add("Rwinding w l", shunt.winding_resistance(capacitance))
+    stray = float(shunt.stray_capacitance(capacitance))
+    deck.add("Cwinding p l", stray, point.condition("winding"))
+    contact = CONTACT * float(shunt.contact_resistance)
+    deck.add("Rclosed l k", (1 - CONTACT) * shunt.contact_resistance)
+    # A capacitance behind a conductance kappa C/time * exp(-t/time) keeps the voltage as if it was cut off at
+    # t = (ln kappa + Euler's gamma) time: with the same kappa as for an inductance this is t = 0.
+    critical = math.exp(-np.euler_gamma) * stray * STEEPNESS / (2 * EDGE * on_time)
+    write_switch(deck, ("k", end), min(critical, 0.1 / contact), 1 / contact, OPEN / impedance)
     return impedance
 
 

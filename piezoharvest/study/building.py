@@ -20,6 +20,7 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import Component, ParameterError, allowed
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.readers.conversion import with_unit
 from piezoharvest.study.words import WORDS, shown_value, typed, unknown
 
@@ -34,11 +35,14 @@ def build_excitation(table: Any, folder: Path, where: str = "excitation") -> Exc
     return build(cls, keys, where)
 
 
-def build_shunt(table: Any, where: str = "shunt") -> Shunt:
-    """Shunt from its table, by kind."""
+def build_shunt(table: Any, where: str = "shunt", transducer: Transducer | None = None) -> Shunt:
+    """Shunt from its table, by kind; the transducer, where it is known, tells what the quality of a named coil is."""
     cls, keys = _by_kind(table, shunts.registered(), where)
+    number, capacitance = keys.get("electrode", 0), None
+    if transducer is not None and type(number) is int and 0 <= number < len(transducer.all_electrodes):
+        capacitance = transducer.all_electrodes[number].capacitance
     try:
-        keys = with_parts(keys, [field.name for field in dataclasses.fields(cls)])
+        keys = with_parts(keys, cls, capacitance)
     except ParameterError as error:
         raise error.within(where) from None
     return build(cls, keys, where)

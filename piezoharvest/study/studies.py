@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +154,9 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         title=typed(str, table.get("title", path.stem), "title"),
         transducer=transducer,
         excitation=build_excitation(driven, path.parent),
-        shunts=build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
+        shunts=build_list(table["shunts"], "shunts", partial(build_shunt, transducer=transducer))
+        if "shunts" in table
+        else (),
         path=path,
         design=design,
         free_frequency=free,

@@ -74,6 +74,7 @@ GIVEN = {
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
+WOUND = {"switch_resistance": 30.0, "self_resonance": 4e4}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
 ESR = {
     "dc_voltage": None,
@@ -107,20 +108,23 @@ VARIANTS = {
         {**ESR, **LEAKING, "diode_drop": 0.2},
     ],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
-    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, **LEAKING}],
+    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, "core_resistance": 3e3, **LEAKING}],
     "self_powered_series_sshi": [
         {**ESR, "diode_drop": 0.05},
-        {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0},
+        {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0, "core_resistance": 3e3},
     ],
-    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7}],
+    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7, "core_resistance": 3e3}],
+    "self_powered_ssdi": [{"diode_drop": 0.05, "core_resistance": 3e3}],
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
         {"phase_lag": -0.2, "on_time_error": -0.2, "core_resistance": 3e3, **LEAKING},
+        {"phase_lag": -0.2, "on_time_error": -0.2, **WOUND},
     ],
     "series_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
         {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0, "core_resistance": 3e3},
+        {"on_time_error": 0.4, "diode_drop": 0.1, **WOUND},
     ],
     "sshc": [
         {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
@@ -128,7 +132,7 @@ VARIANTS = {
     ],
     "bias_flip": [
         {"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1},
-        {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3},
+        {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3, **WOUND},
     ],
     "sice": [
         {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1},
@@ -138,6 +142,7 @@ VARIANTS = {
     "dssh": [
         {"phase_lag": 0.2, "on_time_error": -0.5},
         {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7, "core_resistance": 3e3},
+        {"on_time_error": 0.3, **WOUND},
     ],
     "sece": [
         {"efficiency": 0.7, "phase_lag": -0.2, "gate_energy": 1e-9},
@@ -145,9 +150,15 @@ VARIANTS = {
         {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2, "core_resistance": 3e3},
     ],
-    "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}, {**COIL, "phase_lag": 0.2, "on_time_error": 0.1}],
-    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3}],
-    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}],
+    "ssds": [
+        {"phase_lag": 0.2, "detector_threshold": 1.0},
+        {**COIL, "phase_lag": 0.2, "on_time_error": 0.1, "core_resistance": 3e3},
+    ],
+    "ssdi": [
+        {"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3},
+        {"on_time_error": -0.3, **WOUND},
+    ],
+    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}, WOUND],
     "current_blocking": [{"coil_quality": 20.0}],
     "series_rl": [
         {"winding_resistance": 0.1 * IMPEDANCE, "core_resistance": 20 * IMPEDANCE},

@@ -12,7 +12,7 @@ from studies import BENCH
 
 from piezoharvest import SineForce, System, Transducer, simulate
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import DSSH, ESSH, SCSECE, SECE, SICE, BiasFlip, ParallelSSHI, SeriesSSHI
+from piezoharvest.description.shunts import DSSH, ESSH, SCSECE, SECE, SICE, SSDS, BiasFlip, ParallelSSHI, SeriesSSHI
 from piezoharvest.spice.simulators.comparison import compare
 
 # So weakly coupled (k_e^2 = 1e-12) that no shunt can change the displacement; flips of a 1e-5th of the period.
@@ -59,6 +59,14 @@ def test_extraction():
     wanted = 2 * FREQUENCY * HELD * CAPACITANCE * voltage**2 / 2
     assert power(SECE(**COIL)) == pytest.approx(wanted, rel=1e-5, abs=0)
     assert 0.3 < HELD < 0.7
+
+
+def test_emptying():
+    voltage = 2 * V_OC / (1 + LEFT)
+    response = simulate(System(STIFF, SSDS(**COIL)), DRIVE)
+    wanted = CAPACITANCE * voltage**2 * (1 - LEFT**2)  # of two actions
+    assert response.energy["shunt_loss"] == pytest.approx(wanted, rel=1e-5, abs=0)
+    assert abs(response.energy["closure"]) < 1e-10
 
 
 def test_extraction_from_an_inverted_voltage():
@@ -126,9 +134,10 @@ def test_double_switch():
     assert power(DSSH(intermediate_capacitance=between, on_time_error=0.3, **COIL)) == pytest.approx(wanted, rel=1e-5)
 
 
-def test_a_core_without_a_coil_is_refused():
+@pytest.mark.parametrize("kind", [SECE, SSDS])
+def test_a_core_without_a_coil_is_refused(kind):
     with pytest.raises(ParameterError) as caught:
-        SECE(core_resistance=1e4)
+        kind(core_resistance=1e4)
     assert caught.value.key == "core_resistance"
     assert is_sentence(caught.value.message)
 
@@ -137,6 +146,7 @@ REAL = {"inductance": 0.1, "quality": 5.0, "core_resistance": 1e4}
 SIDE = {"smoothing_capacitance": 1e-7, "load_resistance": 5e5}
 SECOND = {"second_inductance": 0.02, "second_quality": 20.0, "residual": 0.5}
 CIRCUITS = {
+    "ssds": SSDS(**REAL),
     "series_sshi": SeriesSSHI(**REAL, **SIDE, diode_drop=0.1),
     "sece": SECE(**REAL, efficiency=0.9, diode_drop=0.05, diode_resistance=50.0),
     "sc_sece": SCSECE(**REAL, short_time=2e-3),

@@ -75,10 +75,10 @@ def test_what_is_no_diode(call, key):
     assert caught.value.key == key
 
 
-@pytest.mark.parametrize("name", parts.diodes())
+@pytest.mark.parametrize("name", parts.parts("diode"))
 def test_diodes_of_the_catalogue(name):
     """The line instead of the name follows the law that the catalogue has, where most of the current flows."""
-    part, current = parts.diodes()[name], 1e-3
+    part, current = parts.parts("diode")[name], 1e-3
     table = {"kind": "rectifier", "dc_voltage": 1.0, "diode": name, "diode_current": current}
     shunt = build_shunt(table)
     assert part["source"]
@@ -109,12 +109,12 @@ def test_a_diode_that_cannot_be_is_told(table, key):
 
 @pytest.mark.slow
 @needs_ngspice
-@pytest.mark.parametrize("name", parts.diodes())
+@pytest.mark.parametrize("name", parts.parts("diode"))
 def test_diodes_of_the_catalogue_against_their_law_in_ngspice(name):
     """The power of a bridge with the line is within 2.5 %; not so where I_s is a large share of the current itself."""
     drive, damped = {"kind": "sine_force", "amplitude": 0.2, "frequency": 48.0}, {"damping": 0.6, "coupling": 3e-4}
     side = {"kind": "rectifier", "load_resistance": 1.6e5, "smoothing_capacitance": 2 / 48.0 / 1.6e5}
-    peak, part = 0.5 * math.pi * solve(bench(side, drive, **damped)).dc_voltage / 1.6e5, parts.diodes()[name]
+    peak, part = 0.5 * math.pi * solve(bench(side, drive, **damped)).dc_voltage / 1.6e5, parts.parts("diode")[name]
     if part["saturation_current"] > 0.01 * peak:
         pytest.skip("no diode for such a current: it conducts backwards as well")
     study = bench({**side, "diode": name, "diode_current": peak}, drive, **damped)

@@ -34,12 +34,12 @@ PATHS = {
             "inductance", "flip_time", "quality", "on_time_error", "phase_lag", "time_lag", "hold_off", "dc_voltage",
             "smoothing_capacitance", "load_resistance", "diode_drop", "diode_resistance", "diode_leakage", "dc_leakage",
             "detector_threshold", "switch_resistance", "initial_dc_voltage", "smoothing_resistance", "gate_energy",
-            "control_power", "start_voltage", "stop_voltage", "core_resistance",
+            "control_power", "start_voltage", "stop_voltage", "core_resistance", "self_resonance",
         )
     ),
 }  # fmt: skip
 # Instead of another value that the study gives, and allowed only without it; or only beside one that it does not give.
-ALTERNATIVES = {"shunts.1.flip_time", "shunts.1.dc_voltage", "shunts.1.stop_voltage"}
+ALTERNATIVES = {"shunts.1.flip_time", "shunts.1.dc_voltage", "shunts.1.stop_voltage", "shunts.1.self_resonance"}
 PLACES = sorted(PATHS - ALTERNATIVES)
 
 

@@ -209,16 +209,19 @@ def _index(title: str, known: Mapping[str, type], families: Mapping[str, str]) -
 
 def _shunt(kind: str, cls: type) -> str:
     fields = {key.name for key in keys_of(cls)}
-    diode = [
-        ("`diode`", "", "", ", ".join(bought.diodes()), f"diode whose {', '.join(bought.KEYS)} are taken"),
-        ("`diode_current`", "A", f"`{bought.USUAL_CURRENT:g}`", "a number greater than 0", "peak of its current"),
-    ]
+    named = []
+    for key, sort in bought.sorts_of(fields).items():
+        gives = ", ".join(name for name in sort.keys if name in fields)
+        named.append((f"`{key}`", "", "", ", ".join(bought.parts(key)), f"{sort.doc} whose {gives} are taken"))
+        if sort.option:
+            option, unit, usual, doc = sort.option
+            named.append((f"`{option}`", unit, f"`{usual:g}`", "a number greater than 0", doc))
     inner = [(key.name, component_in(key.hint)) for key in keys_of(cls)]
     tables = [_linked(f"[shunts.{name}]", part) for name, part in inner if part not in (None, shunts.Shunt)]
     return "\n".join([
         f"# {kind}\n\n{plain(body(cls))}\n",
         f'In a study: `[[shunts]]` with `kind = "{kind}"`. In Python: `piezoharvest.{cls.__name__}`.\n',
-        table(cls, diode if bought.KEYS[0] in fields else ()), *tables, f"Source: {plain(cls.source)}\n", _code(cls),
+        table(cls, named), *tables, f"Source: {plain(cls.source)}\n", _code(cls),
     ])  # fmt: skip
 
 

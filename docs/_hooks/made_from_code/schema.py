@@ -5,7 +5,7 @@ They say what a key may be by itself. What several keys have to be together is s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Literal, get_args, get_origin
 
 from made_from_code.keys import Key, keys_of
@@ -13,7 +13,7 @@ from made_from_code.reference import body
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench, RecordOptions
 from piezoharvest.description import catalogue, effects, excitation, shunts
-from piezoharvest.description.catalogue.parts import diodes
+from piezoharvest.description.catalogue.parts import parts, sorts_of
 from piezoharvest.description.figures import DATA_SHEETS, Modal
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts.linear.network import Network
@@ -32,10 +32,15 @@ _LAW: Schema = {"type": "object", "required": ["place", "form"], "description": 
 _PLAIN: dict[Any, Schema] = {bool: {"type": "boolean"}, str: {"type": "string"}}
 
 
-_DIODE: Schema = {
-    "diode": {"enum": list(diodes()), "description": "diode whose values are taken"},
-    "diode_current": {"type": "number", "exclusiveMinimum": 0, "description": "peak of its current (A)"},
-}
+def _parts(fields: Collection[str]) -> Schema:
+    """Keys by which a shunt may name parts of the catalogue."""
+    found: Schema = {}
+    for key, sort in sorts_of(fields).items():
+        found[key] = {"enum": list(parts(key)), "description": f"{sort.doc} whose values are taken"}
+        if sort.option:
+            doc = f"{sort.option.doc} ({sort.option.unit})"
+            found[sort.option.key] = {"type": "number", "exclusiveMinimum": 0, "description": doc}
+    return found
 
 
 def study() -> Schema:
@@ -130,9 +135,11 @@ def _by_kind(known: Mapping[str, type[Component]], more: Mapping[str, Schema] | 
     """Schema of a table whose key `kind` says what its other keys are."""
     tables = []
     for kind, cls in known.items():
-        diode = _DIODE if "diode_drop" in {key.name for key in keys_of(cls)} else {}
-        table = of_component(cls, {"kind": {"const": kind}, **diode, **(more or {})})
-        tables.append({**table, "required": ["kind", *table["required"]]})
+        fields = {key.name for key in keys_of(cls)}
+        table = of_component(cls, {"kind": {"const": kind}, **_parts(fields), **(more or {})})
+        from_parts = {key for sort in sorts_of(fields).values() for key in sort.keys}
+        needed = [key for key in table["required"] if key not in from_parts]
+        tables.append({**table, "required": ["kind", *needed]})
     return {"oneOf": tables}
 
 

@@ -80,7 +80,27 @@ class SynchronisedShunt(Shunt):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SwitchedCoil(Shunt):
+class SwitchedLoop(Shunt):
+    """A loop with an inductance that a switch closes."""
+
+    def loop(self, capacitance: float) -> tuple[Any, Any]:
+        """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
+        raise NotImplementedError
+
+    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
+        """Current in the loop: the state while closed, zero while open."""
+        return z.current if closed else 0.0 * port.one
+
+    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
+        """L di/dt + R i = drive while closed; the current stays zero while open."""
+        if not closed:
+            return dz.current
+        inductance, resistance = self.loop(port.capacitance)
+        return inductance * dz.current + resistance * z.current - drive
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwitchedCoil(SwitchedLoop):
     """A switched inductance with the losses of its loop.
 
     Raises
@@ -151,17 +171,6 @@ class SwitchedCoil(Shunt):
         """Seconds after which the loop alone has taken the voltage to zero: (pi/2 + atan(R/(2 L w_d)))/w_d."""
         return emptying_time(*self.loop(capacitance), capacitance)
 
-    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
-        """Current in the loop: the state while closed, zero while open."""
-        return z.current if closed else 0.0 * port.one
-
-    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
-        """L di/dt + R i = drive while closed; the current stays zero while open."""
-        if not closed:
-            return dz.current
-        inductance, resistance = self.loop(port.capacitance)
-        return inductance * dz.current + resistance * z.current - drive
-
 
 @dataclass(frozen=True, kw_only=True)
 class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
@@ -181,60 +190,14 @@ class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
 
     def beside(self, capacitance: Any, actual: Any) -> Self:
         """The same loop beside another capacitance (F): coil, resistance and on time stay those for `capacitance`."""
-        inductance, resistance = self.loop(capacitance)
-        values = {"inductance": inductance, "flip_time": None, "quality": np.sqrt(inductance / actual) / resistance}
-        values["switch_resistance"] = None
-        moved = replace(self, **values, on_time_error=0.0)
+        inductance, _ = self.loop(capacitance)
+        quality = self.quality * np.sqrt(capacitance / actual)  # of the same resistance of the coil
+        moved = replace(self, inductance=inductance, flip_time=None, quality=quality, on_time_error=0.0)
         return replace(moved, on_time_error=self.swing_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CoredSwitch(InductiveSwitch):
-    """A switched inductance whose core may lose energy: a resistance beside the inductance, behind that of the loop.
-
-    The switch is timed as for the loop without it. When it opens, the core takes what is left in the coil. Where diodes
-    in line block before that, the current of the inductance goes on in the core alone.
-    """
-
-    core_resistance: float | None = quantity(
-        "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
-    )
-
-    def cored_current(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> Row:
-        """Current into the loop under the voltage `drive`, of the inductance and of the core.
-
-        `line` is a resistance in line beside that of the loop, ohm.
-        """
-        if self.core_resistance is None or not closed:
-            return self.loop_current(closed, port, z)
-        resistance = self.loop(port.capacitance)[1] + line
-        return (drive + self.core_resistance * z.current) / (resistance + self.core_resistance)
-
-    def cored_equation(
-        self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace, line: Any = 0.0
-    ) -> Row:
-        """L di/dt = R_c (current into the loop - i), without a core as `loop_equation`."""
-        if self.core_resistance is None:
-            return self.loop_equation(closed, drive - line * z.current, port, z, dz)
-        in_core = self.cored_current(closed, drive, port, z, line) - z.current
-        return self.loop(port.capacitance)[0] * dz.current - self.core_resistance * in_core
-
-    def cored_losses(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> list[Product]:
-        """Power in the resistance of the loop and in the core, but not in that in line."""
-        resistance = self.loop(port.capacitance)[1]
-        if self.core_resistance is None:
-            return [Product(resistance, z.current, z.current)]
-        current = self.cored_current(closed, drive, port, z, line)
-        in_core = current - z.current
-        return [Product(resistance, current, current), Product(self.core_resistance, in_core, in_core)]
-
-    def in_core(self, z: SimpleNamespace) -> Row | float:
-        """Voltage that the current of the inductance has in the core while diodes in line block, V."""
-        return 0.0 if self.core_resistance is None else self.core_resistance * z.current
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmptyingSwitch(SynchronisedShunt):
+class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
     """A switch that empties the electrodes at the extrema: at once, or through a coil if `inductance` is given.
 
     With a coil it stays closed until the loop alone would have emptied them, a quarter of a swing, longer or shorter by
@@ -243,7 +206,7 @@ class EmptyingSwitch(SynchronisedShunt):
     Raises
     ------
     ParameterError
-        An inductance is given without a quality, or a quality without one.
+        An inductance is given without a quality, or a quality or a core without one.
     """
 
     inductance: float | None = quantity(
@@ -261,6 +224,8 @@ class EmptyingSwitch(SynchronisedShunt):
         if (self.inductance is None) != (self.quality is None):
             missing = "quality" if self.quality is None else "inductance"
             raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
+        if self.at_once and getattr(self, "core_resistance", None) is not None:
+            raise ParameterError("core_resistance", "found without an inductance, whose core it is of: give both")
 
     @property
     def at_once(self) -> bool:

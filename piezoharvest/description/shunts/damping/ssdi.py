@@ -6,18 +6,18 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDI(CoredSwitch):
+class SSDI(WoundSwitch):
     """Open electrodes whose voltage is inverted through an inductance at every extremum: dry-friction-like damping."""
 
     kind: ClassVar[str] = "ssdi"
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Bassaler, Proc. SPIE 3989, 288-299, 2000"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (State("current", self.loop(capacitance)[0]),)
+        return self.coil_states(capacitance)
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed")
@@ -25,7 +25,7 @@ class SSDI(CoredSwitch):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         closed = configuration == "closed"
         current = self.cored_current(closed, port.v, port, z)
-        return [port.i - current, self.cored_equation(closed, port.v, port, z, dz)]
+        return [port.i - current, *self.cored_equations(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {"shunt_loss": self.cored_losses(configuration == "closed", port.v, port, z)}

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.shunts.real_coil import CoredCoil
 from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDS(EmptyingSwitch):
+class SSDS(EmptyingSwitch, CoredCoil):
     """At every extremum the electrodes are shorted for an instant: the voltage goes to zero, its energy is lost.
 
     With the `inductance` and `quality` of a real path the switch stays closed until that alone would have emptied the
@@ -21,7 +22,7 @@ class SSDS(EmptyingSwitch):
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Ching, Proc. SPIE 3672, 104-111, 1999"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return () if self.at_once else (State("current", self.loop(capacitance)[0]),)
+        return () if self.at_once else self.coil_states(capacitance)
 
     def configurations(self) -> tuple[str, ...]:
         return ("linear",) if self.at_once else ("open", "closed")
@@ -29,15 +30,14 @@ class SSDS(EmptyingSwitch):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         if self.at_once:
             return [port.i]
-        if configuration == "open":
-            return [port.i, dz.current]
-        inductance, resistance = self.loop(port.capacitance)
-        return [port.i - z.current, inductance * dz.current + resistance * z.current - port.v]
+        closed = configuration == "closed"
+        current = self.cored_current(closed, port.v, port, z)
+        return [port.i - current, *self.cored_equations(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        if configuration != "closed":
+        if self.at_once:
             return {}
-        return {"shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)]}
+        return {"shunt_loss": self.cored_losses(configuration == "closed", port.v, port, z)}
 
     def closed(self, configuration: str, polarity: int) -> str:
         return configuration if self.at_once else "closed"

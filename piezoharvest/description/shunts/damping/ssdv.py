@@ -8,11 +8,11 @@ from typing import ClassVar
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.bridge import sign_of
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDV(CoredSwitch):
+class SSDV(WoundSwitch):
     """SSDI with a source in the loop that enlarges the inverted voltage, and delivers energy for it.
 
     At a maximum of sum T_i x_i the voltage is at its minimum: the source then drives it further up.
@@ -24,7 +24,7 @@ class SSDV(CoredSwitch):
     source_voltage: float = quantity("V", "voltage of the source in the loop", at_least=0)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (State("current", self.loop(capacitance)[0]),)
+        return self.coil_states(capacitance)
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed+", "closed-")
@@ -33,7 +33,7 @@ class SSDV(CoredSwitch):
         sign = sign_of(configuration)
         drive = self._drive(sign, port)
         current = self.cored_current(bool(sign), drive, port, z)
-        return [port.i - current, self.cored_equation(bool(sign), drive, port, z, dz)]
+        return [port.i - current, *self.cored_equations(bool(sign), drive, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.bridge import sign_of
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class DSSH(CoredSwitch):
+class DSSH(WoundSwitch):
     """A series SSHI charges an intermediate capacitor, whose energy then goes to the load at once.
 
     The first switch stays closed for half a damped period of the coil with C, which is longer than the swing with the
@@ -34,7 +34,7 @@ class DSSH(CoredSwitch):
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         between = State("intermediate", self.intermediate_capacitance, odd=False, recovered=self.efficiency)
-        return (State("current", self.loop(capacitance)[0]), between)
+        return (*self.coil_states(capacitance), between)
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed", "closed+", "closed-")
@@ -42,8 +42,8 @@ class DSSH(CoredSwitch):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, drive, line = self._drive(configuration, port, z)
         current = self.cored_current(bool(sign), drive, port, z, line)
-        loop = self.cored_equation(bool(sign), drive, port, z, dz, line)
-        return [port.i - current, loop, self.intermediate_capacitance * dz.intermediate - sign * current]
+        coil = self.cored_equations(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, *coil, self.intermediate_capacitance * dz.intermediate - sign * current]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign, drive, line = self._drive(configuration, port, z)
@@ -57,10 +57,9 @@ class DSSH(CoredSwitch):
             return []
         if sign:
             current = self.cored_current(True, drive, port, z, line)
-            return [Guard(-sign * current, "closed", "current" if self.core_resistance is None else None)]
-        return [
-            Guard(self._excess(s, port, z) + s * self.in_core(z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))
-        ]
+            return [Guard(-sign * current, "closed", self.ended)]
+        across = self.blocked_voltage(z)
+        return [Guard(self._excess(s, port, z) - s * across, f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"

@@ -58,19 +58,19 @@ class ESSH(DSSH):
         return 1.0 - swing if configuration == "transfer" else swing
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        current, between = super().states(capacitance)
+        *coil, between = super().states(capacitance)
         second = State("second", self.second_inductance, odd=False, recovered=self.efficiency)
-        return (current, between._replace(recovered=None), second)
+        return (*coil, between._replace(recovered=None), second)
 
     def configurations(self) -> tuple[str, ...]:
         return (*super().configurations(), "transfer")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        first, loop, charging = super().equations(configuration, port, z, dz)
+        *before, charging = super().equations(configuration, port, z, dz)
         if configuration != "transfer":
-            return [first, loop, charging, dz.second]
+            return [*before, charging, dz.second]
         falls = self.second_inductance * dz.second + self.second_resistance() * z.second - z.intermediate
-        return [first, loop, charging + z.second, falls]
+        return [*before, charging + z.second, falls]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         losses = [*super().powers(configuration, port, z)["shunt_loss"]]

@@ -9,8 +9,8 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, described, quantity
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.staged import StagedFlip, position_of
-from piezoharvest.description.shunts.switching import CoredSwitch
 
 Steps = Literal[3, 1, 2, 4, 5, 6, 7, 8]
 # A bias capacitance where none is given, over C: as good as the constant source that it stands for, as the power then
@@ -19,7 +19,7 @@ STIFFNESS = 1e5
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiasFlip(CoredSwitch, StagedFlip):
+class BiasFlip(WoundSwitch, StagedFlip):
     """Bridge, and a coil through which the voltage swings in `steps` half periods about bias voltages.
 
     A step lasts for half a damped period of its own loop, longer or shorter by `on_time_error`.
@@ -72,19 +72,19 @@ class BiasFlip(CoredSwitch, StagedFlip):
     def states(self, capacitance: float) -> tuple[State, ...]:
         bias = self._bias_capacitance(capacitance)
         capacitors = (State(f"bias_{k}", bias, odd=False) for k in range(1, self.steps // 2 + 1))
-        return (State("current", self.loop(capacitance)[0]), *capacitors, *self.bridge_states())
+        return (*self.coil_states(capacitance), *capacitors, *self.bridge_states())
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         position, bias = position_of(configuration), self._bias_capacitance(port.capacitance)
         connected, side = self._capacitor(position)
-        loop = self.cored_equation(position != "open", self._drive(position, port, z), port, z, dz)
+        coil = self.cored_equations(position != "open", self._drive(position, port, z), port, z, dz)
         current = self.switched_current(position, port, z)
         charging = [
             bias * getattr(dz, f"bias_{k}") - (side * current if k == connected else 0.0)
             for k in range(1, self.steps // 2 + 1)
         ]
         _, rectified = self.bridge(configuration, port, z)
-        return [self.port_equation(configuration, port, z, dz), loop, *charging, *self.dc_equations(rectified, z, dz)]
+        return [self.port_equation(configuration, port, z, dz), *coil, *charging, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         powers = self.bridge_powers(self.bridge(configuration, port, z)[1], port, z)

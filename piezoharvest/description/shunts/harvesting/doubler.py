@@ -30,6 +30,7 @@ class Doubler(Rectifier):
     kind: ClassVar[str] = "doubler"
     source: ClassVar[str] = "Greinacher, Z. Phys. 4(2), 195-205, 1921; Delon, L'Eclairage Electrique, 1908"
     diodes: ClassVar[int] = 1
+    capacitors: ClassVar[int] = 2
     gain: ClassVar[float] = 2.0
 
     @property

@@ -8,11 +8,11 @@ from typing import ClassVar
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import diode_guards, sign_of
 from piezoharvest.description.shunts.cold_start import StartedSwitch
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParallelSSHI(CoredSwitch, StartedSwitch):
+class ParallelSSHI(WoundSwitch, StartedSwitch):
     """Rectifier with a switched inductance across the electrodes that inverts their voltage at every extremum.
 
     The bridge and the inductance may conduct at the same time, as they do when the switch acts early or late.
@@ -22,7 +22,7 @@ class ParallelSSHI(CoredSwitch, StartedSwitch):
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
+        return (*self.coil_states(capacitance), *self.bridge_states())
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "open+", "open-", "closed", "closed+", "closed-")
@@ -33,8 +33,8 @@ class ParallelSSHI(CoredSwitch, StartedSwitch):
             port_equation = self.conduction(sign, rectified, port, z, dz)
         else:
             port_equation = self.forward(port, z) - self._loop(configuration, port, z)
-        loop = self.cored_equation(configuration.startswith("closed"), port.v, port, z, dz)
-        return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
+        coil = self.cored_equations(configuration.startswith("closed"), port.v, port, z, dz)
+        return [port_equation, *coil, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.extraction import Extraction
 from piezoharvest.description.shunts.switching import EmptyingSwitch
 
@@ -24,20 +23,10 @@ class SECE(EmptyingSwitch, Extraction):
     With `inductance` and `quality` of the coil with C the switch stays closed until the loop alone would have emptied
     the electrodes, longer or shorter by `on_time_error`; then the energy of the coil goes to the load. That error
     and `diode_resistance` are of no effect without a coil. A `phase_lag` is the phase of phase-shifted SECE.
-
-    Raises
-    ------
-    ParameterError
-        A core is given without a coil.
     """
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.at_once and self.core_resistance is not None:
-            raise ParameterError("core_resistance", "found without an inductance, whose core it is of: give both")
 
     def coil(self, capacitance: float) -> tuple[Any, Any]:
         return self.loop(capacitance)

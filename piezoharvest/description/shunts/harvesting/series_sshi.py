@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge, sign_of
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeriesSSHI(CoredSwitch, Bridge):
+class SeriesSSHI(WoundSwitch, Bridge):
     """Switch, inductance and rectifier in one loop: charge flows to the dc side only while the switch is closed.
 
     The leads are open but while the switch is closed: what its diodes conduct backwards then is left out, as it is
@@ -23,7 +23,7 @@ class SeriesSSHI(CoredSwitch, Bridge):
     source: ClassVar[str] = "Taylor, Burns, Kammann, Powers & Welsh, IEEE J. Ocean. Eng. 26(4), 539-547, 2001"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
+        return (*self.coil_states(capacitance), *self.bridge_states())
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed", "closed+", "closed-")
@@ -31,8 +31,8 @@ class SeriesSSHI(CoredSwitch, Bridge):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, drive, line = self._drive(configuration, port, z)
         current = self.cored_current(bool(sign), drive, port, z, line)
-        loop = self.cored_equation(bool(sign), drive, port, z, dz, line)
-        return [port.i - current, loop, *self.dc_equations(sign * current, z, dz)]
+        coil = self.cored_equations(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, *coil, *self.dc_equations(sign * current, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign, drive, line = self._drive(configuration, port, z)
@@ -46,10 +46,9 @@ class SeriesSSHI(CoredSwitch, Bridge):
             return []
         if sign:
             current = self.cored_current(True, drive, port, z, line)
-            return [Guard(-sign * current, "closed", "current" if self.core_resistance is None else None)]
-        return [
-            Guard(self.excess(s, port, z) + s * self.in_core(z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))
-        ]
+            return [Guard(-sign * current, "closed", self.ended)]
+        across = self.blocked_voltage(z)
+        return [Guard(self.excess(s, port, z) - s * across, f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"

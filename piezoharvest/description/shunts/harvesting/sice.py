@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.extraction import Extraction
-from piezoharvest.description.shunts.switching import CoredSwitch
+from piezoharvest.description.shunts.real_coil import CoredSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class SICE(CoredSwitch, Extraction):
         return self.emptying_time(capacitance) / self.nominal_flip_time(capacitance)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (State("current", self.loop(capacitance)[0]), self.coil_state(capacitance))
+        return (*self.coil_states(capacitance), self.coil_state(capacitance))
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "invert", "extract", "extract-")
@@ -41,8 +41,8 @@ class SICE(CoredSwitch, Extraction):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         inverts = configuration == "invert"
         current = self.cored_current(inverts, port.v, port, z) + self.coil_current(configuration, port, z)
-        loop = self.cored_equation(inverts, port.v, port, z, dz)
-        return [port.i - current, loop, self.coil_equation(configuration, port, z, dz)]
+        inverting = self.cored_equations(inverts, port.v, port, z, dz)
+        return [port.i - current, *inverting, self.coil_equation(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         inverting = self.cored_losses(configuration == "invert", port.v, port, z)

@@ -11,6 +11,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.real_coil import CoredCoil
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
 NEITHER = "none"
@@ -75,7 +76,7 @@ def breakers_of(configuration: str) -> Breakers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElectronicBreaker(SwitchedCoil):
+class ElectronicBreaker(SwitchedCoil, CoredCoil):
     """Coil with two electronic breakers in its loop, one for each sign of the voltage.
 
     A diode charges an envelope capacitor to the voltage less its drop. Where the voltage has fallen by `threshold`,
@@ -114,7 +115,7 @@ class ElectronicBreaker(SwitchedCoil):
     def breaker_states(self, capacitance: float) -> tuple[State, ...]:
         """Current of the coil, and voltages of both envelope capacitors."""
         held = (State(f"envelope_{which}", self.envelope_capacitance, odd=False) for which in ("high", "low"))
-        return (State("current", self.loop(capacitance)[0]), *held)
+        return (*self.coil_states(capacitance), *held)
 
     def configurations(self) -> tuple[str, ...]:
         every = (
@@ -130,24 +131,35 @@ class ElectronicBreaker(SwitchedCoil):
         """Voltage that drives the current of the breaker of this sign."""
         return sign * port.v - self.path_diodes * self.diode_drop * port.one
 
+    def line(self, sign: int) -> Any:
+        """Resistance in the path of the breaker of this sign, in addition to that of the loop, ohm."""
+        return 0.0
+
+    def path_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
+        """Current through the breaker that is closed, in the direction of a positive voltage."""
+        sign = breakers.sign
+        return self.cored_current(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
+
     def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current of the coil and of the envelope capacitors, out of the electrodes."""
         charging = self.envelope_capacitance if breakers.charging else 0.0
-        return self.loop_current(breakers.sign != 0, port, z) + charging * port.dv
+        return self.path_current(breakers, port, z) + charging * port.dv
 
     def breaker_equations(self, breakers: Breakers, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Equations of the states of the breakers."""
         sign = breakers.sign
-        drive = sign * self.path_excess(sign, port, z)
+        coil = self.cored_equations(sign != 0, self._drive(sign, port, z), port, z, dz, self.line(sign))
         high = dz.envelope_high - (port.dv if breakers.envelope == "rise" else 0.0)
         low = dz.envelope_low + (port.dv if breakers.envelope == "fall" else 0.0)
-        return [self.loop_equation(sign != 0, drive, port, z, dz), high, low]
+        return [*coil, high, low]
 
     def breaker_losses(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Product]:
-        """Power in the coil's resistance and in the diodes of breakers and envelopes."""
-        losses = [Product(self.loop(port.capacitance)[1], z.current, z.current)]
-        if breakers.sign and np.any(self.diode_drop):
-            losses.append(Product(breakers.sign * self.path_diodes * self.diode_drop, port.one, z.current))
+        """Power in the coil's resistance and core and in the diodes of breakers and envelopes."""
+        sign = breakers.sign
+        losses = self.cored_losses(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
+        if sign and np.any(self.diode_drop):
+            current = self.path_current(breakers, port, z)
+            losses.append(Product(sign * self.path_diodes * self.diode_drop, port.one, current))
         if breakers.charging and np.any(self.diode_drop):
             direction = 1.0 if breakers.envelope == "rise" else -1.0
             losses.append(Product(direction * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
@@ -164,7 +176,8 @@ class ElectronicBreaker(SwitchedCoil):
         """A breaker closes where the voltage has left the envelope, and opens where its current ends."""
         if breakers.sign:
             after = breakers._replace(position=f"spent_{breakers.position}")
-            return [Guard(-breakers.sign * z.current, after.name, "current", event="switch opens")]
+            current = self.path_current(breakers, port, z)
+            return [Guard(-breakers.sign * current, after.name, self.ended, event="switch opens")]
         if breakers.position != "open":
             sign = 1 if breakers.position == "spent_high" else -1
             fallen = self.diode_drop * port.one - sign * port.v
@@ -176,6 +189,10 @@ class ElectronicBreaker(SwitchedCoil):
                 after = breakers._replace(position=position, charged=breakers.discharge(which))
                 found.append(Guard(fallen, after.name, f"envelope_{position}", event="switch closes"))
         return found
+
+    def _drive(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage across the coil with what resists in line."""
+        return sign * self.path_excess(sign, port, z)
 
     def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
         """Envelope capacitors begin to follow the voltage, and cease to where it turns."""

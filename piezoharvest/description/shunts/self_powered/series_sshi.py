@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker import Breakers, ElectronicBreaker, breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,20 +28,25 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
         return (*self.breaker_states(capacitance), *self.bridge_states())
 
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
-        lost = self.resistance(sign) * sign * z.current
-        return super().path_excess(sign, port, z) - self.level(sign, port, z) - lost
+        return super().path_excess(sign, port, z) - self.level(sign, port, z)
+
+    def line(self, sign: int) -> Any:
+        return self.resistance(sign)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         breakers = breakers_of(configuration)
-        own, rectified = self.breaker_equations(breakers, port, z, dz), breakers.sign * z.current
+        own, rectified = self.breaker_equations(breakers, port, z, dz), self._rectified(breakers, port, z)
         return [port.i - self.breaker_current(breakers, port, z), *own, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         breakers = breakers_of(configuration)
-        rectified = breakers.sign * z.current
+        rectified = self._rectified(breakers, port, z)
         powers = self.bridge_powers(rectified, port, z)
         # The drops of the bridge are those of the breaker's path, too, and counted there.
-        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(self.terminal(rectified, port, z))]
+        lost = [Product(self.path_resistance, rectified, rectified), *self.dc_loss(self.terminal(rectified, port, z))]
         lost += self.capacitor_loss(rectified, port, z)
         powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z)]
         return powers
+
+    def _rectified(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
+        return breakers.sign * self.path_current(breakers, port, z)
