@@ -53,6 +53,7 @@ LAYERS = [
     {"engine.transient"},
     {"spice"},
     {"effect_files", "study", "output"},
+    {"whole_folder"},
     {"specimen", "records.gate", "records.harmonics"},
     {"records.bench_limits", "records.expectation", "records.finding", "records.record", "records.weights"},
     {"records.campaign", "records.power", "records.spectra"},
