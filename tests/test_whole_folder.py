@@ -19,6 +19,8 @@ PAGE = "report.html"
 FRAME = '<meta name="generator" content="piezoharvest 0">{}{}'
 OLD = {"a.png": "old a", "b.png": "old b"}
 NEW = {"b.png": "new b", "c & d.png": "new c"}
+# Children of a process with threads may only do what needs none of them, as here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 posix = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are killed as POSIX systems do")
 
 
