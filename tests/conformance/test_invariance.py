@@ -7,6 +7,7 @@ import pytest
 from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from selection import with_slow
 from studies import BENCH, DRIVE, STOPS, distance
 
 from piezoharvest.description import effects, shunts
@@ -93,7 +94,7 @@ def test_any_units_will_do(name, kilogram, metre, second, ampere):
 
 @few
 @given(decades)
-@each_shunt
+@pytest.mark.parametrize("name", with_slow(EXAMPLES, slow=lambda name: EXAMPLES[name].kind == "adaptive_rl"))
 def test_power_grows_with_the_square_of_the_force(name, decade):
     """Voltages and charges of the thresholds grow with it: a change of metre and ampere alone."""
     check(name, (1.0, 10**decade, 1.0, 10**decade))
