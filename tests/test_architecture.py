@@ -53,6 +53,7 @@ LAYERS = [
     {"engine.transient"},
     {"spice"},
     {"effect_files", "study", "output"},
+    {"whole_folder"},
     {"specimen", "records.gate", "records.harmonics"},
     {"records.bench_limits", "records.expectation", "records.finding", "records.record", "records.weights"},
     {"records.campaign", "records.power", "records.spectra"},
@@ -141,18 +142,29 @@ def imports(path):
             yield from ((f"{node.module}.{alias.name}", node.lineno) for alias in node.names)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_point_downwards(path):
+def every(faults, files=None):
+    """What a check finds in all files: one test for them, as six hundred would take longer to collect than to run."""
+    return [fault for path in (FILES if files is None else files) for fault in faults(path)]
+
+
+def upwards(path):
     dotted = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     if path.name == "__init__.py" and dotted.removesuffix(".__init__") not in RANK:
         return  # a front, which offers what is in its parts
     own = place(dotted)
-    assert own in RANK, f"{own} has no place in the order: give it one in {__file__}"
+    if own not in RANK:
+        yield f"{own} has no place in the order: give it one in {__file__}"
+        return
     for name, line in imports(path):
         if not name.startswith("piezoharvest.") or name == "piezoharvest.__version__":
             continue
         used = place(name.removeprefix("piezoharvest."))
-        assert used == own or rank(used) < rank(own), f"{path}:{line}: {own} imports {used}, which is not below it"
+        if used != own and not rank(used) < rank(own):
+            yield f"{path}:{line}: {own} imports {used}, which is not below it"
+
+
+def test_imports_point_downwards():
+    assert every(upwards) == []
 
 
 def test_no_folder_has_more_files_than_one_overlooks():
@@ -160,12 +172,17 @@ def test_no_folder_has_more_files_than_one_overlooks():
         assert len(list(folder.glob("*.py"))) <= 14, folder
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_the_whole_package_is_asked_for_its_version_only(path):
-    """What else it offers comes from above, by way of its front."""
+def asked_of_the_whole(path):
     for node in nodes(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "piezoharvest":
-            assert node.attr == "__version__", f"{path}:{node.lineno}: piezoharvest.{node.attr}"
+            yield f"{path}:{node.lineno}: piezoharvest.{node.attr}", node.attr
+
+
+def test_the_whole_package_is_asked_for_its_version_only():
+    """What else it offers comes from above, by way of its front."""
+    asked = every(asked_of_the_whole)
+    assert "__version__" in [name for _, name in asked]
+    assert [where for where, name in asked if name != "__version__"] == []
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if "engine" in path.parts], ids=lambda path: path.stem)
@@ -177,21 +194,27 @@ def test_the_engine_knows_no_shunt_by_name(path):
             assert name.split(".")[3] in general, f"{path}:{line}: imports {name}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_heavy_packages_stay_where_they_belong(path):
+def strayed(path):
     for name, line in imports(path):
         for package, places in ONLY.items():
-            if name == package or name.startswith(package + "."):
-                assert part(path) in places, f"{path}:{line}: {package} belongs in {' and '.join(sorted(places))}"
+            if (name == package or name.startswith(package + ".")) and part(path) not in places:
+                yield f"{path}:{line}: {package} belongs in {' and '.join(sorted(places))}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_only_the_command_line_prints(path):
-    if part(path) == "cli":
-        return
+def test_heavy_packages_stay_where_they_belong():
+    assert every(strayed) == []
+
+
+def printed(path):
     for node in nodes(path):
         called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id
-        assert called not in ("print", "input"), f"{path}:{node.lineno}: {called}()"
+        if called in ("print", "input"):
+            yield f"{path}:{node.lineno}: {called}()"
+
+
+def test_only_the_command_line_prints():
+    assert every(printed, [path for path in FILES if part(path) == "cli"]) != []  # it is found where it is
+    assert every(printed, [path for path in FILES if part(path) != "cli"]) == []
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,8 @@ from piezoharvest.description.paths import component_table
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.switching import SynchronisedShunt
-from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text, writing
+from piezoharvest.output import OutputError, check_new_directory, write_table, write_text, writing
+from piezoharvest.whole_folder import whole_folder
 
 FILE, TRUTH = "campaign.toml", "truth.json"
 _MARK = "# Written by piezoharvest measure"
@@ -43,13 +43,14 @@ def check_folder(path: str | Path) -> Path:
 
 def _replaceable(path: Path) -> bool:
     """True if a folder is empty or holds an earlier campaign of the bench and nothing else."""
-    if not path.is_dir():
-        return False
-    names = {entry.name for entry in path.iterdir()}
-    if not names:
-        return True
-    own = all(name in (FILE, TRUTH) or name.endswith(".csv") for name in names)
-    return own and FILE in names and (path / FILE).read_text(encoding="utf-8", errors="replace").startswith(_MARK)
+    return path.is_dir() and set(os.listdir(path)) == _own(path)
+
+
+def _own(path: Path) -> set[str]:
+    """Names of the files of an earlier campaign of the bench in a folder."""
+    own = {name for name in os.listdir(path) if name in (FILE, TRUTH) or name.endswith(".csv")}
+    mine = FILE in own and (path / FILE).read_text(encoding="utf-8", errors="replace").startswith(_MARK)
+    return own if mine else set()
 
 
 def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
@@ -66,34 +67,13 @@ def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
         The folder cannot be written.
     """
     path = check_folder(path)
-    target = path.resolve()
-    check_directory(target.parent, create=True)
-    new, old = (target.with_name(f".{target.name}.{os.getpid()}.{part}") for part in ("part", "old"))
-    try:
-        with writing(path):
-            new.mkdir()
-            for record in campaign.records:
-                write_table(record.columns, new / f"{record.name}.csv")
-            if campaign.bench.truth:
-                write_text(json.dumps(truth(campaign), indent=2) + "\n", new / TRUTH)
-            write_text(f"{_MARK}: a virtual bench, not a real one.\n" + tomli_w.dumps(table(campaign)), new / FILE)
-            _exchange(new, target, old)
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
+    with whole_folder(path, FILE, _own) as folder, writing(path):
+        for record in campaign.records:
+            write_table(record.columns, folder / f"{record.name}.csv")
+        if campaign.bench.truth:
+            write_text(json.dumps(truth(campaign), indent=2) + "\n", folder / TRUTH)
+        write_text(f"{_MARK}: a virtual bench, not a real one.\n" + tomli_w.dumps(table(campaign)), folder / FILE)
     return path / FILE
-
-
-def _exchange(new: Path, target: Path, old: Path) -> None:
-    """Replace a folder by another one, restoring it if that fails."""
-    if target.exists():
-        os.rename(target, old)
-    try:
-        os.rename(new, target)
-    except OSError:
-        if old.exists():
-            os.rename(old, target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def table(campaign: BenchCampaign) -> dict[str, Any]:

@@ -9,43 +9,44 @@ from typing import Any
 from piezoharvest.demo.figures import pictures
 from piezoharvest.demo.story import STEPS, Story
 from piezoharvest.diagnose.summary import sentence, values
-from piezoharvest.output import check_directory, write_text
+from piezoharvest.output import write_text
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.frame.rendering import page
-from piezoharvest.report.pages import NAME
+from piezoharvest.report.frame.report_folder import NAME, report_folder
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.units import NONE, engineering, kind_name, percent, response_unit, with_error
 
 SECTIONS = ("wrong", "gain")
+_DOUBT = "Not to be trusted: a simulation or the fit behind this did not converge."
 
 
 def write_story(story: Story, directory: Path) -> Path:
     """Write the page, last of all files in the directory, and return its path; raises `OutputError`."""
-    directory = check_directory(directory, create=True)
-    figures = place_pictures(pictures(story), SECTIONS, directory)
-    text = page(
-        "story.html.j2",
-        title=story.study.title,
-        answer=answer(story),
-        warning="" if story.converged else "Not to be trusted: a simulation or the fit behind this did not converge.",
-        cards=list(_cards(story)),
-        ranking=list(_ranking(story)),
-        circuit=kind_name(story.designed.shunt.kind),
-        designed=engineering(story.designed.harvested_power, "W"),
-        measured=engineering(story.first.power, "W"),
-        missing=percent(-_change(story.first.power, story.designed.harvested_power)),
-        sentence=sentence(story.found),
-        causes=list(_causes(story)),
-        parameters=list(_parameters(story)),
-        predictions=list(_predictions(story)),
-        residuals=list(_residuals(story)),
-        changes=list(_changes(story)),
-        powers=list(_powers(story)),
-        steps=STEPS,
-        figures=figures,
-    )
-    write_text(text, directory / NAME)
-    return directory / NAME
+    with report_folder(directory) as folder:
+        figures = place_pictures(pictures(story), SECTIONS, folder)
+        text = page(
+            "story.html.j2",
+            title=story.study.title,
+            answer=answer(story),
+            warning="" if story.converged else _DOUBT,
+            cards=list(_cards(story)),
+            ranking=list(_ranking(story)),
+            circuit=kind_name(story.designed.shunt.kind),
+            designed=engineering(story.designed.harvested_power, "W"),
+            measured=engineering(story.first.power, "W"),
+            missing=percent(-_change(story.first.power, story.designed.harvested_power)),
+            sentence=sentence(story.found),
+            causes=list(_causes(story)),
+            parameters=list(_parameters(story)),
+            predictions=list(_predictions(story)),
+            residuals=list(_residuals(story)),
+            changes=list(_changes(story)),
+            powers=list(_powers(story)),
+            steps=STEPS,
+            figures=figures,
+        )
+        write_text(text, folder / NAME)
+    return Path(directory) / NAME
 
 
 def _change(new: float, old: float) -> float:

@@ -28,8 +28,11 @@ class Tones(NamedTuple):
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Value at the given times (s)."""
-        angle = 2 * np.pi * np.multiply.outer(np.asarray(times, float), self.frequencies) + self.phases
-        return self.offset + np.sin(angle) @ np.broadcast_to(self.amplitudes, self.frequencies.shape)
+        angle = np.multiply.outer(np.asarray(times, float), 2 * np.pi * self.frequencies) + self.phases
+        amplitudes = self.amplitudes
+        if np.shape(amplitudes) != self.frequencies.shape:  # of one for all, which takes as long as the rest
+            amplitudes = np.broadcast_to(amplitudes, self.frequencies.shape)
+        return self.offset + np.sin(angle) @ amplitudes
 
 
 class Ramps(NamedTuple):

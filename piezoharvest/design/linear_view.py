@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -17,8 +17,9 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.goal import SMALLEST_FIGURE, DesignFigures, Goal, Slopes
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.places import value_at, with_values
-from piezoharvest.linear import frequency_response, hysteresis_slope, poles
-from piezoharvest.linear.response import FrequencyResponse
+from piezoharvest.linear import hysteresis_slope, poles
+from piezoharvest.linear.assembly import LinearModel, assemble
+from piezoharvest.linear.response import FrequencyResponse, response_of
 
 _GRID_POINTS = 61  # points of a band, besides those at the poles
 _ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's frequency to 1e-5 of the grid's spacing, its height to the square of that
@@ -61,6 +62,7 @@ class LinearView:
     amplitude: float | None = None
     reference: float | None = None
     taken: tuple[int, ...] = (0,)
+    _last: dict[str, tuple[Shunt, LinearModel]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def short(self) -> Short:
@@ -75,11 +77,20 @@ class LinearView:
 
     def response(self, shunt: Shunt, frequencies: Any) -> FrequencyResponse:
         """Response to a unit drive."""
-        system, given = System(self.transducer, shunt), {"base": self.operation.base, "amplitude": self.amplitude}
+        model, base = self._assembled(shunt), self.operation.base
         try:
-            return frequency_response(system, frequencies, **given)
+            return response_of(model, frequencies, base=base)
         except np.linalg.LinAlgError:  # at a pole without damping: beside it the peak is as high as can be told
-            return frequency_response(system, np.asarray(frequencies) * (1 + _BESIDE), **given)
+            return response_of(model, np.asarray(frequencies) * (1 + _BESIDE), base=base)
+
+    def _assembled(self, shunt: Shunt) -> LinearModel:
+        """Equations with a shunt, kept for its next frequencies: a peak is looked for at ten sets of them."""
+        of, model = self._last.get("last", (None, None))
+        if of is not shunt or model is None:
+            slope = hysteresis_slope(self.transducer, amplitude=self.amplitude)
+            model = assemble(self.transducer, shunt, slope=slope, base=self.operation.base)
+            self._last["last"] = shunt, model  # at once: threads may share a view
+        return model
 
     def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
         """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time."""

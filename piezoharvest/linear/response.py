@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.system import System
-from piezoharvest.linear.assembly import OperatingPoint, angular, assemble, hysteresis_slope
+from piezoharvest.linear.assembly import LinearModel, OperatingPoint, angular, assemble, hysteresis_slope
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,11 @@ def frequency_response(
     check_kind("system", system, System, "System(transducer, shunt) makes one")
     slope = hysteresis_slope(system.transducer, operating_point, amplitude)
     model = assemble(system.transducer, system.shunt, slope=slope, base=base, operating_point=operating_point)
+    return response_of(model, frequencies, base=base)
+
+
+def response_of(model: LinearModel, frequencies: Any, *, base: bool = False) -> FrequencyResponse:
+    """Response of an assembled model, for any number of sets of frequencies (Hz); see `frequency_response`."""
     transfer = model.phasors(angular(frequencies))
 
     def phasor(row: np.ndarray) -> np.ndarray:

@@ -12,11 +12,11 @@ from piezoharvest.diagnose import Diagnosis
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, run_tests
 from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
-from piezoharvest.output import check_directory, write_text
+from piezoharvest.output import write_text
 from piezoharvest.report.figures import diagnosed
 from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.frame.rendering import page
-from piezoharvest.report.pages import NAME
+from piezoharvest.report.frame.report_folder import NAME, report_folder
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
 MAX_TEST_ROWS = 12  # rows in the table of failed residual tests
@@ -36,41 +36,41 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
     Returns
     -------
     Path
-        The HTML file. It is written last: where it exists, the report is complete.
+        The HTML file. An earlier report there is replaced as a whole: where a page is, it is complete.
 
     Raises
     ------
     OutputError
         The directory or a file in it cannot be written.
     """
-    directory = check_directory(directory, create=True)
     rows = scored(found, list(registered()))
-    figures = place_pictures(_pictures(found, rows), ("cause", "effects", "structure", "records"), directory)
-    text = page(
-        "diagnosis.html.j2",
-        title=found.campaign.title,
-        verdict=found.verdict,
-        sentence=sentence(found),
-        warning="" if found.search.final.converged else f"Not to be trusted: {found.search.final.message}.",
-        experiment=found.experiment,
-        told_by=found.told_by if found.plan is not None else None,
-        named=list(_named(found)),
-        laws=list(_laws(found)),
-        residuals=list(_residuals(found)),
-        validated=bool(found.campaign.of_role("validate")),
-        unexplained=percent(found.unexplained),
-        scores=[_score(row, found) for row in rows],
-        parameters=list(_parameters(found)),
-        alike=list(_similar_effects(rows)),
-        alternatives=list(_alternatives(found)),
-        left=[_test_row(place) for place in found.left[:MAX_TEST_ROWS]],
-        hints=list(_hints(found)),
-        warnings=[str(finding) for finding in found.campaign.warnings],
-        figures=figures,
-        file=found.campaign.path.name,
-    )
-    write_text(text, directory / NAME)
-    return directory / NAME
+    with report_folder(directory) as folder:
+        figures = place_pictures(_pictures(found, rows), ("cause", "effects", "structure", "records"), folder)
+        text = page(
+            "diagnosis.html.j2",
+            title=found.campaign.title,
+            verdict=found.verdict,
+            sentence=sentence(found),
+            warning="" if found.search.final.converged else f"Not to be trusted: {found.search.final.message}.",
+            experiment=found.experiment,
+            told_by=found.told_by if found.plan is not None else None,
+            named=list(_named(found)),
+            laws=list(_laws(found)),
+            residuals=list(_residuals(found)),
+            validated=bool(found.campaign.of_role("validate")),
+            unexplained=percent(found.unexplained),
+            scores=[_score(row, found) for row in rows],
+            parameters=list(_parameters(found)),
+            alike=list(_similar_effects(rows)),
+            alternatives=list(_alternatives(found)),
+            left=[_test_row(place) for place in found.left[:MAX_TEST_ROWS]],
+            hints=list(_hints(found)),
+            warnings=[str(finding) for finding in found.campaign.warnings],
+            figures=figures,
+            file=found.campaign.path.name,
+        )
+        write_text(text, folder / NAME)
+    return Path(directory) / NAME
 
 
 def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:

@@ -9,12 +9,12 @@ from typing import Any
 
 from piezoharvest.identify import Estimate, Identification
 from piezoharvest.identify.prediction_overlay import Predicted, predictions
-from piezoharvest.output import check_directory, write_text
+from piezoharvest.output import write_text
 from piezoharvest.records import FrequencyRecord
 from piezoharvest.report.figures import identified
 from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.frame.rendering import page
-from piezoharvest.report.pages import NAME
+from piezoharvest.report.frame.report_folder import NAME, report_folder
 from piezoharvest.report.records import record_figure
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
@@ -33,30 +33,30 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
     Returns
     -------
     Path
-        The HTML file. It is written last: where it exists, the report is complete.
+        The HTML file. An earlier report there is replaced as a whole: where a page is, it is complete.
 
     Raises
     ------
     OutputError
         The directory or a file in it cannot be written.
     """
-    directory = check_directory(directory, create=True)
-    figures = place_pictures(_pictures(found), ("loops", "records", "findings"), directory)
-    text = page(
-        "identification.html.j2",
-        title=found.campaign.title,
-        sentence=_sentence(found),
-        warning=f"Not to be trusted: {'; '.join(found.doubts)}." if found.doubts else "",
-        parameters=[_row(estimate) for estimate in found.estimates],
-        unknown=[_unknown(estimate) for estimate in found.estimates if not estimate.identifiable],
-        residuals=list(_residuals(found)),
-        lacks=found.warnings,
-        warnings=[str(finding) for finding in found.campaign.warnings],
-        figures=figures,
-        file=found.campaign.path.name,
-    )
-    write_text(text, directory / NAME)
-    return directory / NAME
+    with report_folder(directory) as folder:
+        figures = place_pictures(_pictures(found), ("loops", "records", "findings"), folder)
+        text = page(
+            "identification.html.j2",
+            title=found.campaign.title,
+            sentence=_sentence(found),
+            warning=f"Not to be trusted: {'; '.join(found.doubts)}." if found.doubts else "",
+            parameters=[_row(estimate) for estimate in found.estimates],
+            unknown=[_unknown(estimate) for estimate in found.estimates if not estimate.identifiable],
+            residuals=list(_residuals(found)),
+            lacks=found.warnings,
+            warnings=[str(finding) for finding in found.campaign.warnings],
+            figures=figures,
+            file=found.campaign.path.name,
+        )
+        write_text(text, folder / NAME)
+    return Path(directory) / NAME
 
 
 def _pictures(found: Identification) -> Iterator[Picture]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezoharvest.output import check_directory, write_text
+from piezoharvest.output import write_text
 from piezoharvest.report import tables
 from piezoharvest.report.answer import answer
 from piezoharvest.report.figures import style
@@ -13,6 +13,7 @@ from piezoharvest.report.figures.bode import best_linear
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.frame.rendering import page
+from piezoharvest.report.frame.report_folder import NAME, report_folder
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
 from piezoharvest.report.spans import at_best_frequency, design_band, frequency_range
@@ -24,7 +25,6 @@ from piezoharvest.study import Study
 if TYPE_CHECKING:
     from piezoharvest.design.result import DesignResult
 
-NAME = "report.html"
 _SECTIONS = ("answer", "trade-off", "power", "damping", "waveforms", "two-port")
 
 
@@ -42,50 +42,50 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     Returns
     -------
     Path
-        The HTML file. It is written last: where it exists, the report is complete.
+        The HTML file. An earlier report there is replaced as a whole: where a page is, it is complete.
 
     Raises
     ------
     OutputError
         The directory or a file in it cannot be written.
     """
-    directory, asked = check_directory(directory, create=True), study
-    study = at_best_frequency(study, design_result)
+    asked, study = study, at_best_frequency(study, design_result)
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
     bound = BoundLines(study, design_result.bound, best_linear(subjects))
     gallery = Gallery(study, subjects, limit, bound, design_result)
-    figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
-    text = page(
-        "report.html.j2",
-        title=study.title,
-        answer=answer(study, subjects, limit),
-        ranking=tables.ranking(subjects, limit),
-        parts=tables.bought_parts(subjects),
-        restrictions=tables.restrictions(subjects),
-        front=tables.best_front(design_result),
-        fronts=tables.kind_fronts(subjects, design_result),
-        series=tables.series_text(subjects),
-        worst_cases=worst_cases(subjects),
-        worst_case=worst_case_text(study, subjects),
-        damping=study.design is not None and study.design.objective == "damping",
-        tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
-        limit=limit and engineering(limit.power, "W"),
-        near_limit=tables.near_limit(subjects, limit),
-        bound=_bound(design_result),
-        band=(band := design_band(study)) and frequency_range(band),
-        figures=figures,
-        energies=tables.energies(subjects),
-        two_port=tables.two_port(study, limit),
-        transducer=list(tables.transducer_tables(study.transducer)),
-        conditions=[tables.excitation_table(asked), ("Objectives and limits", tables.goal_table(asked))],
-        sought=asked.free_frequency and asked.design and asked.design.band and frequency_range(asked.design.band),
-        notes=[*design_result.notes, *gallery.remarks],
-        colours=len(style.PALETTE),
-        file=study.path.name,
-    )
-    write_text(text, directory / NAME)
-    return directory / NAME
+    with report_folder(directory) as folder:
+        figures = place_pictures(gallery.pictures(), _SECTIONS, folder)
+        text = page(
+            "report.html.j2",
+            title=study.title,
+            answer=answer(study, subjects, limit),
+            ranking=tables.ranking(subjects, limit),
+            parts=tables.bought_parts(subjects),
+            restrictions=tables.restrictions(subjects),
+            front=tables.best_front(design_result),
+            fronts=tables.kind_fronts(subjects, design_result),
+            series=tables.series_text(subjects),
+            worst_cases=worst_cases(subjects),
+            worst_case=worst_case_text(study, subjects),
+            damping=study.design is not None and study.design.objective == "damping",
+            tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
+            limit=limit and engineering(limit.power, "W"),
+            near_limit=tables.near_limit(subjects, limit),
+            bound=_bound(design_result),
+            band=(band := design_band(study)) and frequency_range(band),
+            figures=figures,
+            energies=tables.energies(subjects),
+            two_port=tables.two_port(study, limit),
+            transducer=list(tables.transducer_tables(study.transducer)),
+            conditions=[tables.excitation_table(asked), ("Objectives and limits", tables.goal_table(asked))],
+            sought=asked.free_frequency and asked.design and asked.design.band and frequency_range(asked.design.band),
+            notes=[*design_result.notes, *gallery.remarks],
+            colours=len(style.PALETTE),
+            file=study.path.name,
+        )
+        write_text(text, folder / NAME)
+    return Path(directory) / NAME
 
 
 def _bound(result: DesignResult) -> list[str]:

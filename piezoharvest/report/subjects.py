@@ -76,7 +76,7 @@ class Subject:
         """Colour and dashes of its line."""
         return line_style(self.rank)
 
-    def with_load(self, value: float) -> Shunt:
+    def with_load(self, value: Any) -> Shunt:
         """The circuit with another load, otherwise as tuned."""
         assert self.load_field is not None
         return dataclasses.replace(self.shunt, **{self.load_field: value})

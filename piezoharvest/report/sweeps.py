@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Short, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.design.operation import mean_nodes
-from piezoharvest.engine import simulate
+from piezoharvest.engine import simulate, simulate_many
+from piezoharvest.engine.batch import one_of
 from piezoharvest.linear import frequency_response
 from piezoharvest.report.limits import hysteretic
 from piezoharvest.report.spans import design_band, drive_frequency
@@ -24,6 +25,7 @@ from piezoharvest.study import Study
 
 BUDGET_SECONDS = 5.0  # s of simulation for one figure
 MIN_POINTS = 5  # fewest points of a curve
+_MOST_AT_ONCE = 32  # points simulated in one pass: what all have in common is then a small part of the work
 _FINE_POINTS = 121  # loads of a curve from the two-port
 _MAX_DIFFERENCE = 1e-3  # largest relative difference of two-port and simulation
 _MEAN_ERROR, _MAX_NODES = 1e-3, 21
@@ -107,6 +109,18 @@ class CurveTracer:
             return NO_ANSWER
         return Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
 
+    def simulated_many(self, shunt: Shunt, excitation: Excitation, designs: int) -> np.ndarray:
+        """Many simulations in one; (designs, 4) as in `Swept`. What differs between them is of shape (designs, 1)."""
+        try:
+            with np.errstate(all="ignore"):
+                found = simulate_many(System(self.study.transducer, shunt), excitation, designs)
+        except (ParameterError, ValueError, np.linalg.LinAlgError):  # which one of them is to blame for
+            each = ((one_of(shunt, n), one_of(excitation, n)) for n in range(designs))
+            return np.array([self.simulated(*one) for one in each])
+        columns = ("harvested_power", "mechanical_power", "displacement_amplitude", "attenuation_db")
+        points = np.stack([found[name] for name in columns], axis=-1)
+        return np.where(found["converged"][:, None], points, np.nan)
+
     @property
     def strength(self) -> float:
         """Amplitude of the study's sine; 1 for other excitations."""
@@ -146,7 +160,7 @@ class CurveTracer:
                 tuned = getattr(s.shunt, s.load_field)
                 values = loads if s.load_field != "dc_voltage" else tuned * np.geomspace(0.05, 20, len(loads))
                 jobs[s] = np.unique(np.append(values, tuned))
-        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s, s.with_load(value)), self._tuned):
+        for s, values, points in self._timed(jobs, self._operated, self._tuned):
             if s.load_field == "dc_voltage":
                 with np.errstate(all="ignore"):
                     values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
@@ -168,19 +182,20 @@ class CurveTracer:
         curves = [CandidateCurve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
         jobs = {s: frequencies for s in subjects if s not in exact}
 
-        def at(subject: Subject, frequency: float) -> Swept:
-            return self.simulated(subject.shunt, self._sine(frequency))
+        def at(subject: Subject, some: np.ndarray) -> np.ndarray:
+            return self.simulated_many(subject.shunt, self._sine(some[:, None]), len(some))
 
         curves += [CandidateCurve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
-    def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Swept]:
+    def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Sequence[float]]:
         """The tuned point of a curve along loads, by its index; it is not subject to the time budget."""
         r = subject.response
         assert subject.load_field is not None
-        place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
+        load = getattr(subject.shunt, subject.load_field)
+        place = int(np.flatnonzero(values == load)[0])
         if r is None or not r.converged or design_band(self.study) is not None:
-            return {place: self._operated(subject, subject.shunt)}
+            return {place: self._operated(subject, np.array([load]))[0]}
         return {place: Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def against_short(
@@ -203,16 +218,21 @@ class CurveTracer:
         frequencies, weights = self._nodes(subject)
         fine = np.geomspace(loads[0], loads[-1], _FINE_POINTS)
         values = np.unique(np.append(fine, getattr(subject.shunt, subject.load_field)))
-        rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
-        return CandidateCurve(subject, values, *np.array(rows).T, exact=True)
+        points = [x @ weights for x in self.two_port(subject.with_load(values[:, None]), frequencies)]
+        return CandidateCurve(subject, values, *points, exact=True)
 
-    def _operated(self, subject: Subject, shunt: Shunt) -> Swept:
-        """A candidate's circuit in its operation: under the excitation itself, or averaged over the band."""
+    def _operated(self, subject: Subject, loads: np.ndarray) -> np.ndarray:
+        """A candidate with each of some loads in its operation: under the excitation itself, or averaged over the band.
+
+        Returns an array (loads, 4) as in `Swept`.
+        """
         if drive_frequency(self.study) is None:
-            return self.simulated(shunt, self.study.excitation)
+            return np.array([self.simulated(subject.with_load(float(load)), self.study.excitation) for load in loads])
         frequencies, weights = self._nodes(subject)
-        points = np.array([self.simulated(shunt, self._sine(f)) for f in frequencies])
-        return Swept(*(weights @ points))
+        shunt = subject.with_load(np.repeat(loads, len(frequencies))[:, None])
+        sine = self._sine(np.tile(frequencies, len(loads))[:, None] if len(frequencies) > 1 else frequencies[0])
+        points = self.simulated_many(shunt, sine, len(loads) * len(frequencies))
+        return weights @ points.reshape(len(loads), len(frequencies), -1)
 
     def _nodes(self, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies in Hz and weights of the mean in a candidate's operation; one that was free is its own."""
@@ -221,26 +241,30 @@ class CurveTracer:
             return np.array([drive]), np.ones(1)
         return mean_nodes(band, self.study.transducer, _MEAN_ERROR, _MAX_NODES)
 
-    def _sine(self, frequency: float) -> Excitation:
-        return dataclasses.replace(self.study.excitation, frequency=float(frequency))
+    def _sine(self, frequency: Any) -> Excitation:
+        return dataclasses.replace(self.study.excitation, frequency=frequency)
 
-    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Swept], known=lambda *_: {}):
+    def _timed(
+        self,
+        jobs: dict[Subject, np.ndarray],
+        evaluate: Callable[[Subject, np.ndarray], np.ndarray],
+        known=lambda *_: {},
+    ):
         """Evaluate all jobs from coarse to fine until the time is up; (subject, x, points (n, 4)) of each.
 
         `known` returns, for a subject and its values, points by their index that need no simulation.
         """
         found = {subject: dict(known(subject, values)) for subject, values in jobs.items()}
-        begin, slowest = time.monotonic(), dict.fromkeys(jobs, 0.0)
-        for share in _coarse_to_fine(max(map(len, jobs.values()), default=0)):
+        begin, slowest = time.monotonic(), dict.fromkeys(jobs, 0.0)  # s, the latter of a point
+        for shares in _in_batches(_coarse_to_fine(max(map(len, jobs.values()), default=0))):
             for subject, values in jobs.items():
-                n, now = round(share * (len(values) - 1)), time.monotonic()
-                if n in found[subject]:
-                    continue
-                if now - begin + slowest[subject] > self.budget:
+                places, now = {round(share * (len(values) - 1)) for share in shares}, time.monotonic()
+                new = sorted(places - found[subject].keys())
+                if new and now - begin + len(new) * slowest[subject] > self.budget:
                     self.cut_short = True
-                    continue
-                found[subject][n] = evaluate(subject, float(values[n]))
-                slowest[subject] = max(slowest[subject], time.monotonic() - now)
+                elif new:
+                    found[subject] |= zip(new, evaluate(subject, values[new]), strict=True)
+                    slowest[subject] = max(slowest[subject], (time.monotonic() - now) / len(new))
         for subject, points in found.items():
             if len(points) >= MIN_POINTS:
                 order = sorted(points)
@@ -254,3 +278,11 @@ def _coarse_to_fine(count: int) -> list[float]:
         step /= 2
         shares += [n * step for n in range(1, round(1 / step), 2)]
     return shares
+
+
+def _in_batches(shares: list[float]) -> Iterator[list[float]]:
+    """Positions in small batches first, which tell how long one takes, and not too large ones then."""
+    size = MIN_POINTS
+    while shares:
+        yield shares[:size]
+        shares, size = shares[size:], min(2 * size, _MOST_AT_ONCE)

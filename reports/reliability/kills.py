@@ -69,11 +69,14 @@ def _killed(command: str, folder: Path, after: float, how: signal.Signals, whole
     # What is there under its own name is whole; what is under way has a name of its own.
     if broken := [name for name in left if name in whole and not _same(name, left, whole)]:
         return f"left half written: {', '.join(broken)}"
+    folder_of = {name for name in whole if name.startswith("out/")}
+    if lacking := folder_of - left.keys() if folder_of & left.keys() else set():
+        return f"left a folder without {', '.join(sorted(lacking))}"
     again = subprocess.run(_line(command), cwd=folder, capture_output=True, timeout=LIMIT, check=False)
     if again.returncode not in (0, 1):
         return f"given again it ends with {again.returncode}: {again.stderr.decode(errors='replace').strip()[-200:]}"
     now = _written(folder)
-    if how == signal.SIGKILL:  # which no program can answer: what was under way stays, under its hidden name
+    if how == signal.SIGKILL:  # which no program can answer: a file that was under way stays, under its hidden name
         now = {name: found for name, found in now.items() if not Path(name).name.startswith(".")}
     if now.keys() != whole.keys():
         return f"given again it leaves other files: {sorted(now.keys() ^ whole.keys())}"

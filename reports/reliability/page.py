@@ -57,8 +57,8 @@ def _of_kills(rows: Rows) -> list[str]:
         f"{len(rows)} commands, killed at a random moment by SIGKILL, SIGTERM or SIGINT and given again (`python -m "
         "reports.reliability --kills`): resumed means that what was left under its own name was whole, and that the "
         "second run left the same files with the same bytes as an undisturbed one; of pages and figures, which bear "
-        "dates, that they are there. After SIGKILL, which no program can answer, a hidden file or folder may stay "
-        "(`.name.part`).", "",
+        "dates, that they are there, all or none. After SIGKILL, which no program can answer, a hidden file may stay "
+        "(`.name.part`), and a hidden folder until the next run.", "",
         "| command | resumed | not |", "|---|---|---|",
     ]  # fmt: skip
     lines += [

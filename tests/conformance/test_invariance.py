@@ -7,6 +7,7 @@ import pytest
 from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from selection import with_slow
 from studies import BENCH, DRIVE, STOPS, distance
 
 from piezoharvest.description import effects, shunts
@@ -93,9 +94,12 @@ def test_any_units_will_do(name, kilogram, metre, second, ampere):
 
 @few
 @given(decades)
-@each_shunt
+@pytest.mark.parametrize("name", with_slow(EXAMPLES, slow=lambda name: "{" in name))
 def test_power_grows_with_the_square_of_the_force(name, decade):
-    """Voltages and charges of the thresholds grow with it: a change of metre and ampere alone."""
+    """Voltages and charges of the thresholds grow with it: a change of metre and ampere alone.
+
+    Of variants with more fields the test of any units, which holds this one, is the quick one.
+    """
     check(name, (1.0, 10**decade, 1.0, 10**decade))
 
 

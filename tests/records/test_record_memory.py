@@ -12,8 +12,8 @@ from selection import with_slow
 from piezoharvest.output import write_table
 
 # Ten minutes at 10 kHz are 6 million samples, to be read, checked and fitted within 2 GiB, of which all but the fit may
-# take three quarters; a third of the samples here.
-SAMPLES, RATE, LIMIT = 2_000_000, 1e4, 0.75 * (2 << 30)
+# take three quarters; a sixth of the samples, and of the memory, here.
+SAMPLES, RATE, LIMIT = 1_000_000, 1e4, 0.75 * (2 << 30)
 
 # The peak is that of this very process: the one that `getrusage` tells goes back before exec, to who started it.
 SCRIPT = """

@@ -99,8 +99,9 @@ class TestFiles:
             raise RuntimeError("killed")
 
         monkeypatch.setattr(gallery.Gallery, "_bode", fail)
+        study, result = designed("step")
         with pytest.raises(RuntimeError):
-            write_report(*designed("bench"), tmp_path)
+            write_report(dataclasses.replace(study, title="another"), result, tmp_path)
         assert path.read_text() == before
         assert not [file for file in tmp_path.iterdir() if ".part" in file.name]
 

@@ -9,11 +9,12 @@ from report_studies import STUDIES, designed, study_of
 from selection import with_slow
 
 from piezoharvest.description.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, Resistor
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.report import units
+from piezoharvest.report import sweeps, units
 from piezoharvest.report.frame.cell_labels import with_labels
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
@@ -147,6 +148,28 @@ class TestSweeps:
                 assert point == pytest.approx((
                     curve.harvested[n], curve.mechanical[n], curve.displacement[n], curve.attenuation[n]
                 ), rel=1e-6, abs=1e-9)  # fmt: skip
+
+    @pytest.mark.parametrize("together", [True, False])
+    def test_points_simulated_together_are_those_of_one(self, monkeypatch, together):
+        """Whether all of them can be, or one of them is refused."""
+        study, result = designed("bench")
+        bench, switched = CurveTracer(study), [s for s in subjects_of(result.candidates) if s.switched]
+        frequencies = np.array([48.0, 50.0, 50.6, 53.0, 60.0])
+        if not together:
+
+            def refuse(*_, **__):
+                raise ParameterError("frequency", "found one that is refused")
+
+            monkeypatch.setattr(sweeps, "simulate_many", refuse)
+        curves = bench.along_frequencies(switched, frequencies, frequencies)
+        assert [curve.subject for curve in curves] == switched
+        for curve in curves:
+            assert not curve.exact
+            for n, frequency in enumerate(frequencies):
+                point = bench.simulated(curve.subject.shunt, dataclasses.replace(study.excitation, frequency=frequency))
+                assert point == pytest.approx((
+                    curve.harvested[n], curve.mechanical[n], curve.displacement[n], curve.attenuation[n]
+                ), rel=1e-8, abs=1e-9)  # fmt: skip
 
     def test_with_hysteresis_nothing_is_taken_for_linear(self):
         study, result = designed("stack")

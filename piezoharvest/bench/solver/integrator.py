@@ -82,6 +82,7 @@ class Integrator:
         self.branches: list[tuple[int, tuple]] = []
         self.steps = self.events = 0
         self.kept = False  # whether steps of the next one's length are likely to be repeated
+        self.seen = self.drives[0]  # drive at the start and the stages of the last step that was tried
         self.trials = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
 
     def run(self) -> None:
@@ -158,7 +159,7 @@ class Integrator:
             self.h = max(self.h, 2.0 * h)
         last = abs(end - self.t - h) <= self.least
         self.t, self.y = end if last else self.t + h, trial[0][2].copy()
-        self.force = float(self.drives[interval, 3] if last and ends else self.drive.within(interval, self.t))
+        self.force = float(self.drives[interval, 3] if last and ends else self.seen[3] if h else self.force)
         self.stepper.accept()
         self.steps += 1
         np.maximum(self.sizes, np.abs(self.y), out=self.sizes)
@@ -172,8 +173,8 @@ class Integrator:
         self.trials -= 1
         keep, self.kept = self.kept, False
         whole = self.even and h == self.drive.nodes[interval + 1] - self.drive.nodes[interval]
-        drives = self.drives[interval] if whole else self.drive.within(interval, self.t + h * _STAGES)
-        return self.stepper.step(self.t, h, self.y, drives, keep=keep)
+        self.seen = self.drives[interval] if whole else self.drive.within(interval, self.t + h * _STAGES)
+        return self.stepper.step(self.t, h, self.y, self.seen, keep=keep)
 
     def _shorten(self, h: float, error: float) -> None:
         """Recompute an outdated tangent, or else shorten the step according to an error of fourth order."""

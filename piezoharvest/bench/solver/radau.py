@@ -6,6 +6,7 @@ error.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,25 +55,33 @@ def _outer(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return product.reshape(len(first) * len(second), -1)
 
 
+@cache
+def _eye(rows: int, columns: int) -> np.ndarray:
+    """Ones on the diagonal, made once for each shape: that takes as long as a product of such matrices."""
+    found = np.eye(rows, columns)
+    found.flags.writeable = False
+    return found
+
+
 def make_step(line: Line, h: float, scale: np.ndarray) -> Step:
     """Matrices of a step of length h; `scale` equalises the sizes of the states to reduce rounding."""
     J, b = line.J, line.b
     n, g = len(scale), len(J) - len(scale)
     A = J[:n] * scale[:, None] / scale
-    implicit = np.eye(3 * n) - h * _outer(_A, A)
+    implicit = _eye(3 * n, 3 * n) - h * _outer(_A, A)
     own, none = np.diag(scale), np.zeros((3 * n, 1))
     drives = h * _outer(_A, (scale * b[:n])[:, None])
     right = [np.tile(own, (3, 1)), none, drives, h * _outer(NODES[:, None], own), h * _outer(_A, own)]
     solved = np.linalg.solve(implicit, np.hstack(right)) / np.tile(scale, 3)[:, None]
     stages, correct = solved[:, : 2 * n + 4], solved[:, 2 * n + 4 :]
 
-    identity = np.eye(n, 2 * n + 4)
+    identity = _eye(n, 2 * n + 4)
     defect = J[:n] @ identity
     defect[:, n] += b[:n]
-    defect[:, n + 4 :] += np.eye(n)
+    defect[:, n + 4 :] += _eye(n, n)
     for weight, stage in zip(_E / h, stages.reshape(3, n, -1), strict=True):
         defect += weight * (stage - identity)
-    filter_ = np.linalg.inv(_GAMMA / h * np.eye(n) - A) * scale / scale[:, None]
+    filter_ = np.linalg.inv(_GAMMA / h * _eye(n, n) - A) * scale / scale[:, None]
 
     advance = np.zeros((4 * n + 3 * g, 2 * n + 4 + g))
     advance[: 3 * n, : 2 * n + 4] = stages
@@ -81,7 +90,7 @@ def make_step(line: Line, h: float, scale: np.ndarray) -> Step:
         rows = advance[4 * n + k * g : 4 * n + (k + 1) * g]
         rows[:, : 2 * n + 4] = J[n:] @ stages[k * n : (k + 1) * n]
         rows[:, n + 1 + k] += b[n:]
-        rows[:, 2 * n + 4 :] = np.eye(g)
+        rows[:, 2 * n + 4 :] = _eye(g, g)
     return Step(advance, correct, filter_)
 
 
