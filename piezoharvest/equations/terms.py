@@ -150,8 +150,9 @@ class Terms:
         if effect.absent and not self._absent:
             return True
         effect.act(self)
-        self.stored += effect.stores(self)
-        self.losses += [(effect.name, product) for product in effect.losses(self)]
+        if not effect.absent:  # at its null value its energy may be one over zero, and is that of nothing
+            self.stored += effect.stores(self)
+            self.losses += [(effect.name, product) for product in effect.losses(self)]
         return self._felt > 0 or type(effect).connect is not Effect.connect
 
     # Methods used by effects.
