@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from piezoharvest import diagnose, load_campaign
 from reports.discovery import others, trials
 from reports.discovery.campaigns import KINDS, UNSEEN, Sizes, Trial, channels, make, write
 from reports.discovery.equations import Drive, play, true_channels
@@ -193,3 +194,18 @@ def test_the_page_tells_what_was_run(rows, tmp_path):
     if rows:
         assert "1 to 99 %" in text  # of two laws of 40 sigma, one is right
         assert "1 ended with an error" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "law", "place", "seed", "passed_for"),
+    [("pair", "exponential", "electrodes", 1_950_101, "dielectric_relaxation"),
+     ("law", "even_power", "spring", 1_900_081, "nonlinear_coupling")],
+)  # fmt: skip
+def test_a_law_that_passed_for_a_known_effect(kind, law, place, seed, passed_for, tmp_path):
+    """The effect explains the campaign as far as residual tests see, and less of a record with a larger drive."""
+    made = make(Trial(kind, law, place, 100.0 if kind == "pair" else 40.0, seed))
+    campaign, _ = map(load_campaign, write(made, tmp_path))
+    found = diagnose(campaign)
+    assert [passed_for] != [named.effect.name for named in found.effects] or found.verdict == "ambiguous"
+    assert trials.outcome_of(made, found) in ("right", "kin", "among")

@@ -371,6 +371,10 @@ def _magnified(program: pg.Program) -> pg.Program:
     """Program with the complex steps of the engine's sensitivities, from smaller ones."""
 
     def grown(array: Any) -> Any:
-        return np.real(array) + 1j * (np.imag(array) * (COMPLEX_STEP / STEP)) if np.iscomplexobj(array) else array
+        if not np.iscomplexobj(array):
+            return array
+        found = np.array(array)
+        found.imag *= COMPLEX_STEP / STEP  # a product with 1j would make a NaN of what is infinite
+        return found
 
     return program._replace(**{name: grown(getattr(program, name)) for name in pg.NUMBERS})
