@@ -200,6 +200,8 @@ def test_the_page_tells_what_was_run(rows, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "law", "place", "seed", "passed_for"),
     [("pair", "exponential", "electrodes", 1_950_101, "dielectric_relaxation"),
+     # A formula of which the records tell one parameter nothing was in between here: its information is singular.
+     ("pair", "langevin", "reading", 1_950_105, "coupling_drift"),
      ("law", "even_power", "spring", 1_900_081, "nonlinear_coupling")],
 )  # fmt: skip
 def test_a_law_that_passed_for_a_known_effect(kind, law, place, seed, passed_for, tmp_path):
