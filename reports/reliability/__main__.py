@@ -1,8 +1,9 @@
-"""`python -m reports.reliability [--first N] [--oracle | --inputs | --kills]`: random studies, wrong inputs, kills.
+"""`python -m reports.reliability [--first N] [--oracle | --inputs | --kills | --mutants N]`: how hard it is to break.
 
 Studies of every shunt and effect are simulated; with `--oracle` some are run by the bench's solver, too; with
-`--inputs` wrong files and tables are given to the program; with `--kills` commands are killed and given again. What is
-done stands beside this file, a line for each: the same command goes on from there.
+`--inputs` wrong files and tables are given to the program; with `--kills` commands are killed and given again; with
+`--mutants` the code itself is made wrong, and tests have to see it. What is done stands beside this file, a line for
+each: the same command goes on from there.
 """
 
 import argparse
@@ -11,9 +12,10 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-STUDIES, ORACLE, INPUTS, KILLS = (HERE / f"{name}.jsonl" for name in ("trials", "oracle", "inputs", "kills"))
+NAMES = ("trials", "oracle", "inputs", "kills", "mutants")
+STUDIES, ORACLE, INPUTS, KILLS, MUTANTS = PATHS = tuple(HERE / f"{name}.jsonl" for name in NAMES)
 ALL = 50_000
-WRONG = ("impossible", "internal error", "slow", "not followed")
+WRONG = ("impossible", "internal error", "slow", "not followed", "survived")
 
 
 def main() -> None:
@@ -26,7 +28,11 @@ def main() -> None:
     which.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
     which.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
     which.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
+    which.add_argument("--mutants", type=int, metavar="N", help="the first N mutants (one process; extra `mutation`)")
+    parser.add_argument("--again", action="store_true", help="mutants that survived, with the tests added since")
     options = parser.parse_args()
+    if options.mutants:
+        options.first, options.workers = options.mutants, 1  # of which all stand in the same copy of the tree
     from reports.reliability.inputs import attempt_input
     from reports.reliability.kills import attempt_kill
     from reports.reliability.oracle import compare, sample
@@ -36,13 +42,17 @@ def main() -> None:
     jobs = ((options.oracle, ORACLE, compare), (options.inputs, INPUTS, attempt_input),
             (options.kills, KILLS, attempt_kill), (True, STUDIES, attempt))  # fmt: skip
     path, trial = next((path, trial) for wanted, path, trial in jobs if wanted)
+    if options.mutants:
+        from reports.reliability.mutants import attempt_mutant  # with what the extra `mutation` installs
+
+        path, trial = MUTANTS, attempt_mutant
     seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
-    done = {row["seed"] for row in rows_of(path)}
-    todo = [seed for seed in seeds if seed not in done]
+    done = {row["seed"]: row["outcome"] for row in rows_of(path)}
+    todo = [seed for seed in seeds if seed not in done or (options.again and done[seed] == "survived")]
     for row in run(path, trial, todo, options.workers) if todo else ():
         if row["outcome"] in WRONG:
             print(row["seed"], row["kind"], row["outcome"], row["what"], flush=True)
-    write(*map(rows_of, (STUDIES, ORACLE, INPUTS, KILLS)), HERE / "reliability.md")
+    write(*map(rows_of, PATHS), HERE / "reliability.md")
 
 
 if __name__ == "__main__":

@@ -1,16 +1,24 @@
-"""The page: what became of the studies, how well energy closes, and the worst of them."""
+"""The page: what became of the trials of every kind, and the worst of them."""
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from piezoharvest.output import write_text
 
+TITLES = (
+    "How hard the toolbox is to break", "Beside another solver", "Wrong files and tables", "Killed and given again",
+    "Made wrong on purpose",
+)  # fmt: skip
+SURVIVORS = Path(__file__).parent / "survivors.toml"  # what was found when they were read, by the line before and after
 WORST = 10
 MEANING = {
     "converged": "said to be right, and possible: finite, energy closed to 1e-6, no more harvested than comes in",
@@ -25,11 +33,60 @@ MEANING = {
 Rows = Sequence[dict[str, Any]]
 
 
-def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, path: Path) -> None:
-    """Write the page as Markdown."""
-    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_kills, kills))
-    lines = [line for part, rows in parts if rows for line in part(rows)]
-    write_text("\n".join(["# How hard the toolbox is to break", "", *lines]) + "\n", path)
+def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, mutants: Rows, path: Path) -> None:
+    """Write the page as Markdown; a section whose rows are not on this machine stays as it is."""
+    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_kills, kills),
+             (_of_mutants, mutants))  # fmt: skip
+    sections = dict(zip(TITLES, ("\n".join(part(rows)).strip() if rows else "" for part, rows in parts), strict=True))
+    for text in re.split(r"^(?=## )", path.read_text(encoding="utf-8"), flags=re.MULTILINE) if path.exists() else ():
+        title = text.partition("\n")[0].removeprefix("## ")
+        known = title if title in sections else TITLES[0]
+        sections[known] = sections[known] or text.partition("\n")[2].strip()
+    found = (f"{'## ' if n else '# '}{title}\n\n{sections[title]}" for n, title in enumerate(TITLES) if sections[title])
+    write_text("\n\n".join(found) + "\n", path)
+
+
+def _of_mutants(rows: Rows) -> list[str]:
+    """Which mutants the tests have seen, and what is said of those that they have not."""
+    drawn, last = {}, {}
+    for row in rows:  # those that survived may have been tried again, with the tests that were added
+        drawn.setdefault(row["seed"], row)
+        last[row["seed"]] = row
+    sentences = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
+    lines = [
+        f"{len(drawn)} random mutants of equations, event code, motion, steady states and likelihood (`python -m "
+        f"reports.reliability --mutants N`; seeds {min(drawn)} to {max(drawn)}), by the operators of cosmic-ray; a "
+        "place in the code is drawn first, then what may stand there instead. The quick tests of its part are run on "
+        "each, no others: the whole suite sees more. One that no longer ends counts as seen.", "",
+        f"Seen: {_share(list(drawn.values()))}. With the tests that were added for survivors: "
+        f"{_share(list(last.values()))}.", "",
+        "| part | mutants | killed | timeout | survived | survived at last |", "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    counts = Counter((_part_of(row), row["outcome"]) for row in drawn.values())
+    left = Counter(_part_of(row) for row in last.values() if row["outcome"] == "survived")
+    for part in sorted({part for part, _ in counts}):
+        each = [counts[part, outcome] for outcome in ("killed", "timeout", "survived")]
+        lines.append(f"| {part} | {sum(each)} | {' | '.join(map(str, each))} | {left[part]} |")
+    lines += ["", "The survivors, with what was found when they were read:", ""]
+    for row in sorted((row for row in drawn.values() if row["outcome"] == "survived"), key=lambda row: row["seed"]):
+        now = last[row["seed"]]
+        seen = "not seen" if now["outcome"] == "survived" else f"seen now by `{now['test']}`"
+        where = f"`{row['kind']}`, line {row['line']}, {row['operator']}"
+        said = sentences.get(row["what"], "not read yet.")
+        lines.append(f"- {row['seed']}, {where}: `{row['what']}` ({seen}). {said}")
+    return lines
+
+
+def _part_of(row: dict[str, Any]) -> str:
+    return str(Path(row["kind"]).parent.relative_to("piezoharvest"))
+
+
+def _share(rows: Rows) -> str:
+    """Share of mutants that are seen, with its interval."""
+    seen = sum(row["outcome"] != "survived" for row in rows)
+    low, high = binomtest(seen, len(rows)).proportion_ci(0.95, "exact")
+    shares = [f"{100 * share:.0f}" for share in (seen / len(rows), low, high)]
+    return "{} of {}, {} % (95 % by Clopper-Pearson: {} to {} %)".format(seen, len(rows), *shares)
 
 
 def _of_inputs(rows: Rows) -> list[str]:
@@ -38,7 +95,6 @@ def _of_inputs(rows: Rows) -> list[str]:
     counts = Counter((row["kind"], row["outcome"]) for row in rows)
     seconds = max(row["seconds"] for row in rows)
     lines = [
-        "", "## Wrong files and tables", "",
         f"{len(rows)} inputs, valid ones made wrong where their structure is (`python -m reports.reliability --inputs`;"
         f" seeds {min(row['seed'] for row in rows)} and above), read as files or given to a command. Refused means: in "
         f"one sentence, with status 2. Processor time of one: at most {seconds:.1f} s.", "",
@@ -53,7 +109,6 @@ def _of_kills(rows: Rows) -> list[str]:
     """What became of commands that were killed."""
     counts = Counter((row["kind"], row["outcome"]) for row in rows)
     lines = [
-        "", "## Killed and given again", "",
         f"{len(rows)} commands, killed at a random moment by SIGKILL, SIGTERM or SIGINT and given again (`python -m "
         "reports.reliability --kills`): resumed means that what was left under its own name was whole, and that the "
         "second run left the same files with the same bytes as an undisturbed one; of pages and figures, which bear "
@@ -76,7 +131,6 @@ def _of_distances(rows: Rows) -> list[str]:
     """How far the engine is from the bench's solver."""
     counts = Counter(row["outcome"] for row in rows)
     lines = [
-        "## Beside another solver", "",
         f"{len(rows)} of such studies (seeds {min(row['seed'] for row in rows)} and above; `python -m "
         "reports.reliability --oracle`), drawn from three strata, run from rest over eight "
         "periods by the engine and by the bench's solver, with equations and a method of its own (Radau IIA). The "
