@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 
-from piezoharvest.identify.noise.drive_denoising import denoised
+from piezoharvest.identify.noise.drive_denoising import MIN_LEVEL, _averages, denoised
 
 TIME = np.arange(10_000) / 1000.0
 
@@ -30,6 +30,15 @@ def test_a_value_that_is_held_is_held_up_to_the_jump_that_ends_it(seed):
     true = np.where(TIME < 3.0, 100.0, np.where(TIME < 7.0, 900.0, 300.0))
     off = denoised(true + noise(5.0, seed), 5.0) - true
     assert np.abs(off).max() < 4.0 * 5.0 / np.sqrt(1000)  # the sample before a jump and the one after it, too
+
+
+def test_averages_of_a_held_value_are_known_to_their_standard_errors_even_in_the_widest_window():
+    count = 40_000  # more than there are samples in it
+    levels, averages = _averages(100.0 + 5.0 * np.random.default_rng(4).standard_normal(count), 5.0)
+    averaged = levels >= MIN_LEVEL
+    assert averaged.mean() > 0.95
+    errors = 5.0 / np.sqrt(2.0 ** (levels[averaged] + 1) - 1)
+    assert np.abs((averages[averaged] - 100.0) / errors).max() < 5.0  # the largest of 40,000 that are drawn is 4.3
 
 
 def test_a_drive_that_goes_from_one_held_value_to_another_does_not_seem_to_go_beyond():
