@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from piezoharvest.identify.fitting.bounded_step import least_within
 from piezoharvest.identify.fitting.data import begins_abruptly, unclipped_noise
 from piezoharvest.identify.fitting.levenberg_marquardt import _expected_decrease, _updated_correction
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.noise.noise_gain import _solved
+from piezoharvest.identify.noise.noise_gain import _delay_factors, _solved
 from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
 from piezoharvest.identify.noise.spectra import gram, whitened
 from piezoharvest.identify.preparation import prepared
@@ -43,6 +45,23 @@ def test_states_by_the_schur_form_are_those_of_the_inverse(n):
     states = _solved(kept, A, turn, forced)
     inverse = np.linalg.inv(turn[:, None, None] * kept - A)
     np.testing.assert_allclose(states, np.einsum("fij,jf->if", inverse, forced), rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 2.75])
+def test_a_delay_turns_the_phase_back(samples):
+    """By exp(-j w T): exactly for whole samples, by the fourth power of the step for splines between them."""
+    step = 1e-3
+    effect = SimpleNamespace(late=lambda channel: samples * step if channel == "voltage" else 0.0)
+    setting, transducer = SimpleNamespace(sample_time=step), SimpleNamespace(effects=[effect])
+    prediction: Any = SimpleNamespace(setting=setting, transducer=transducer)
+    frequencies = np.array([1.0, 20.0, 60.0])  # of 500 Hz, half the rate of the samples
+    found = _delay_factors(prediction, ["voltage", "displacement"], frequencies)
+    np.testing.assert_allclose(found[:, 0], np.exp(-2j * np.pi * frequencies * samples * step), atol=1e-3)
+    np.testing.assert_allclose(found[:, 1], 1.0)
+    if samples.is_integer():
+        everywhere = np.linspace(1.0, 500.0, 20)
+        found = _delay_factors(prediction, ["voltage"], everywhere)[:, 0]
+        np.testing.assert_allclose(found, np.exp(-2j * np.pi * everywhere * samples * step), atol=1e-12)
 
 
 def test_products_with_the_frequencies_last_are_those_of_matrices():

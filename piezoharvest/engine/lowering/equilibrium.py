@@ -72,8 +72,10 @@ def _element_outputs(powers: list[int], inputs: np.ndarray, at_rest: np.ndarray)
 
     count, nominal = len(powers), (np.real(inputs), np.real(at_rest))
     size = np.abs(outputs(np.zeros(count), *nominal))
+    # From where the outputs do not act on each other; away from there another equilibrium may be nearer.
+    begin = np.where(size == 0.0, 0.0, 1.0)
     size[size == 0.0] = 1.0
-    solved = root(lambda w: outputs(w * size, *nominal) / size - w, np.ones(count), tol=1e-13)
+    solved = root(lambda w: outputs(w * size, *nominal) / size - w, begin, tol=1e-13)
     if not np.max(np.abs(solved.fun)) < 1e-9:
         raise ParameterError("excitation.offset", "there is no equilibrium under this preload, use a smaller one")
     found = solved.x * size
