@@ -179,10 +179,11 @@ class TestColoured:
         noisy = 10 * SIGNAL + 0.01 * np.random.default_rng(1).standard_normal(len(SIGNAL))
         assert noise_floor(noisy) == pytest.approx(0.01, rel=0.1)
 
-    def test_effective_samples_of_an_autoregression(self):
+    @pytest.mark.parametrize("rho", [0.0, 0.3, 0.8])
+    def test_effective_samples_of_an_autoregression(self, rho):
         """(1 - rho)/(1 + rho) of the samples."""
-        noise = coloured(np.random.default_rng(2), 50000, rho=0.8)
-        assert effective_samples(noise) == pytest.approx(50000 * 0.2 / 1.8, rel=0.2)
+        noise = coloured(np.random.default_rng(2), 50000, rho=rho)
+        assert effective_samples(noise) == pytest.approx(50000 * (1 - rho) / (1 + rho), rel=0.2)
 
     def test_covariance_of_a_mean(self):
         noise = coloured(np.random.default_rng(4), 50000, rho=0.8, sigma=1.0)
