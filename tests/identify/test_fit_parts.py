@@ -13,7 +13,12 @@ from identify.identify_runs import campaign_file
 from piezoharvest.identify.fitting import model as models
 from piezoharvest.identify.fitting.bounded_step import least_within
 from piezoharvest.identify.fitting.data import begins_abruptly, unclipped_noise
-from piezoharvest.identify.fitting.levenberg_marquardt import _expected_decrease, _updated_correction
+from piezoharvest.identify.fitting.levenberg_marquardt import (
+    _Bounds,
+    _Descent,
+    _expected_decrease,
+    _updated_correction,
+)
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_gain import _delay_factors, _solved
 from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
@@ -33,6 +38,28 @@ def test_a_secant_has_the_curvature_along_its_step_and_stays_that_of_a_minimum()
     assert np.linalg.eigvalsh(bend).min() > -1e-12
     # Where the information already is too much, it is left alone.
     assert not np.any(_updated_correction(np.zeros((5, 5)), 2.0 * curvature, step, curvature @ step))
+
+
+@pytest.mark.parametrize("share", [0.55, 0.8, 1.0])
+def test_a_parabola_is_at_its_minimum_after_a_second_step_though_it_was_thought_to_be_flatter(share):
+    """The secant along the first step is the curvature; without it each step leaves 1 - 1/share of what there is."""
+    curvature, slightly = 4.0, 1e-4  # the damping
+
+    def at(x: np.ndarray) -> Any:
+        cost, information = curvature * float(x @ x), np.array([[share * curvature]])
+        return SimpleNamespace(
+            cost=cost, squares=cost, values=x, slope=-curvature * x, information=information, sums=()
+        )
+
+    judge: Any = SimpleNamespace(
+        problem=SimpleNamespace(data=(None,)), precision=np.zeros(1), tried=lambda here, values: at(values)
+    )
+    free, none = np.full(1, np.inf), np.zeros(1, bool)
+    descent = _Descent(judge, _Bounds(-free, free, free, none, none), at(np.ones(1)), False, 1e-9, -np.inf)
+    assert descent.advance()
+    assert descent.here.values == pytest.approx([1.0 - 1.0 / share], abs=slightly)
+    descent.advance()
+    assert descent.here.values == pytest.approx([0.0], abs=slightly)
 
 
 @pytest.mark.parametrize("n", [1, 3, 8])
