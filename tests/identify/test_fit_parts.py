@@ -40,26 +40,43 @@ def test_a_secant_has_the_curvature_along_its_step_and_stays_that_of_a_minimum()
     assert not np.any(_updated_correction(np.zeros((5, 5)), 2.0 * curvature, step, curvature @ step))
 
 
+def on_parabola(x: np.ndarray, curvature=4.0, share=1.0) -> Any:
+    """Point whose information is a share of the curvature."""
+    cost, information = curvature * float(x @ x), np.array([[share * curvature]])
+    return SimpleNamespace(cost=cost, squares=cost, values=x, slope=-curvature * x, information=information, sums=())
+
+
+def descent_from_one(tried, **which):
+    """Descent of one variable from the value one on a parabola, as far as `tried` gives points of it."""
+    judge: Any = SimpleNamespace(problem=SimpleNamespace(data=(None,)), precision=np.zeros(1), tried=tried)
+    free, none = np.full(1, np.inf), np.zeros(1, bool)
+    start = on_parabola(np.ones(1), **which)
+    return _Descent(judge, _Bounds(-free, free, free, none, none), start, False, 1e-9, -np.inf)
+
+
 @pytest.mark.parametrize("share", [0.55, 0.8, 1.0])
 def test_a_parabola_is_at_its_minimum_after_a_second_step_though_it_was_thought_to_be_flatter(share):
     """The secant along the first step is the curvature; without it each step leaves 1 - 1/share of what there is."""
-    curvature, slightly = 4.0, 1e-4  # the damping
-
-    def at(x: np.ndarray) -> Any:
-        cost, information = curvature * float(x @ x), np.array([[share * curvature]])
-        return SimpleNamespace(
-            cost=cost, squares=cost, values=x, slope=-curvature * x, information=information, sums=()
-        )
-
-    judge: Any = SimpleNamespace(
-        problem=SimpleNamespace(data=(None,)), precision=np.zeros(1), tried=lambda here, values: at(values)
-    )
-    free, none = np.full(1, np.inf), np.zeros(1, bool)
-    descent = _Descent(judge, _Bounds(-free, free, free, none, none), at(np.ones(1)), False, 1e-9, -np.inf)
+    slightly = 1e-4  # the damping
+    descent = descent_from_one(lambda here, values: on_parabola(values, share=share), share=share)
     assert descent.advance()
     assert descent.here.values == pytest.approx([1.0 - 1.0 / share], abs=slightly)
     descent.advance()
     assert descent.here.values == pytest.approx([0.0], abs=slightly)
+
+
+def test_steps_that_fail_though_much_was_expected_of_them_are_no_convergence():
+    """The damping grows meanwhile, up to where nothing is expected any more."""
+    descent = descent_from_one(lambda here, values: None)
+    for _ in range(4):
+        assert not descent.advance()
+        assert not descent.ended
+    # Where little is expected, two that fail are enough: corners make the cost uneven by as much.
+    descent = descent_from_one(lambda here, values: None)
+    descent.enough = 1.0  # of the four that are expected
+    for _ in range(3):
+        descent.advance()
+    assert descent.converged
 
 
 @pytest.mark.parametrize("n", [1, 3, 8])
