@@ -20,6 +20,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import (
     _updated_correction,
 )
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.noise.event_noise import EventNoise
 from piezoharvest.identify.noise.noise_gain import _delay_factors, _solved
 from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
 from piezoharvest.identify.noise.spectra import gram, whitened
@@ -106,6 +107,18 @@ def test_a_delay_turns_the_phase_back(samples):
         everywhere = np.linspace(1.0, 500.0, 20)
         found = _delay_factors(prediction, ["voltage"], everywhere)[:, 0]
         np.testing.assert_allclose(found, np.exp(-2j * np.pi * everywhere * samples * step), atol=1e-12)
+
+
+@pytest.mark.parametrize("gate", [None, SimpleNamespace(error=0.0)])
+def test_without_noise_of_the_drive_and_of_edges_all_is_known_of_switches_and_nothing_is_simulated(gate):
+    prediction: Any = SimpleNamespace(setting=SimpleNamespace(gate=gate))  # nothing that could be simulated
+    signal: Any = None
+    events = EventNoise(prediction, ["voltage"], signal, np.zeros(4), {"voltage": 0.1}, 0.0)
+    assert np.array_equal(events.weights, np.ones((4, 1)))
+    realisations, counted = events.spread(0, np.ones((1, 4, 2)))
+    assert realisations.shape == (2, 0)
+    assert not np.any(counted)
+    assert not EventNoise(prediction, ["voltage"], signal, np.zeros(4), {"voltage": 0.1}, 1e-3).known
 
 
 def test_products_with_the_frequencies_last_are_those_of_matrices():
