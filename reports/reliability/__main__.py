@@ -29,7 +29,6 @@ def main() -> None:
     which.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
     which.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
     which.add_argument("--mutants", type=int, metavar="N", help="the first N mutants (one process; extra `mutation`)")
-    parser.add_argument("--again", action="store_true", help="mutants that survived, with the tests added since")
     options = parser.parse_args()
     if options.mutants:
         options.first, options.workers = options.mutants, 1  # of which all stand in the same copy of the tree
@@ -47,8 +46,8 @@ def main() -> None:
 
         path, trial = MUTANTS, attempt_mutant
     seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
-    done = {row["seed"]: row["outcome"] for row in rows_of(path)}
-    todo = [seed for seed in seeds if seed not in done or (options.again and done[seed] == "survived")]
+    done = {row["seed"] for row in rows_of(path)}
+    todo = [seed for seed in seeds if seed not in done]
     for row in run(path, trial, todo, options.workers) if todo else ():
         if row["outcome"] in WRONG:
             print(row["seed"], row["kind"], row["outcome"], row["what"], flush=True)

@@ -52,23 +52,26 @@ def _of_mutants(rows: Rows) -> list[str]:
     for row in rows:  # those that survived may have been tried again, with the tests that were added
         drawn.setdefault(row["seed"], row)
         last[row["seed"]] = row
+    left_over = [row for row in drawn.values() if row["outcome"] == "survived"]
+    not_seen = [row for row in last.values() if row["outcome"] == "survived"]
     sentences = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
     lines = [
         f"{len(drawn)} random mutants of equations, event code, motion, steady states and likelihood (`python -m "
         f"reports.reliability --mutants N`; seeds {min(drawn)} to {max(drawn)}), by the operators of cosmic-ray; a "
         "place in the code is drawn first, then what may stand there instead. The quick tests of its part are run on "
-        "each, no others: the whole suite sees more. One that no longer ends counts as seen.", "",
-        f"Seen: {_share(list(drawn.values()))}. With the tests that were added for survivors: "
-        f"{_share(list(last.values()))}.", "",
+        "each, no others: the whole suite may see more. One that no longer ends counts as seen.", "",
+        f"Seen: {_share(list(drawn.values()))}. Of the {len(left_over)} survivors {len(left_over) - len(not_seen)} are "
+        "seen by the tests that were added for them, each tried with its test alone. That is no estimate of what the "
+        "tests see now: others would have to be drawn for it.", "",
         "| part | mutants | killed | timeout | survived | survived at last |", "|---|---|---|---|---|---|",
     ]  # fmt: skip
     counts = Counter((_part_of(row), row["outcome"]) for row in drawn.values())
-    left = Counter(_part_of(row) for row in last.values() if row["outcome"] == "survived")
+    left = Counter(map(_part_of, not_seen))
     for part in sorted({part for part, _ in counts}):
         each = [counts[part, outcome] for outcome in ("killed", "timeout", "survived")]
         lines.append(f"| {part} | {sum(each)} | {' | '.join(map(str, each))} | {left[part]} |")
     lines += ["", "The survivors, with what was found when they were read:", ""]
-    for row in sorted((row for row in drawn.values() if row["outcome"] == "survived"), key=lambda row: row["seed"]):
+    for row in sorted(left_over, key=lambda row: row["seed"]):
         now = last[row["seed"]]
         seen = "not seen" if now["outcome"] == "survived" else f"seen now by `{now['test']}`"
         where = f"`{row['kind']}`, line {row['line']}, {row['operator']}"
