@@ -373,7 +373,7 @@ def _magnified(program: pg.Program) -> pg.Program:
     def grown(array: Any) -> Any:
         if not np.iscomplexobj(array):
             return array
-        found = np.array(array, complex)
+        found: Any = np.array(array)
         found.imag *= COMPLEX_STEP / STEP  # a product with 1j would make a NaN of what is infinite
         return found
 
