@@ -242,7 +242,7 @@ def test_from_doubt_to_name(tmp_path, capsys, effects, seed):
     assert doubt["verdict"] == "ambiguous" and doubt["effects"][0]["name"] == "leakage"
     assert doubt["alternatives"] == [["dielectric_relaxation"]]
     assert doubt["plan"]["standard_deviations"] > 10
-    assert "leakage and dielectric relaxation would differ" in doubt["experiment"]
+    assert "with leakage and with dielectric relaxation would differ" in doubt["experiment"]
     assert main(["plan", str(first), "--out", str(study)]) == 0
     assert tomllib.loads(study.read_text()) == doubt["plan"]["study"]
     load_study(study)
