@@ -125,7 +125,7 @@ class _NormalEquations:
 def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms, scales: dict[str, float]):
     """Normal equations of one record over its parameters, then terms; and the names of its terms."""
     data, nuisance, white = record
-    products, gradient, scatter, switching, names = 0.0, 0.0, 0.0, np.zeros(()), []
+    products, gradient, scatter, counted, switching, names = 0.0, 0.0, 0.0, 0.0, np.zeros(()), []
     for _, begin, residual, slopes in residual_blocks(final.model, data, nuisance, True):
         W = white.of(len(residual))
         assert slopes is not None
@@ -139,13 +139,14 @@ def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: T
         placed = (W[:, :, :, None] * spectra_of(added)[:, None, :, :]).reshape(len(W), W.shape[1], -1)
         whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
         predicted = data.part(begin, begin + len(residual)) - residual
-        scatter, switching = map(add, (scatter, switching), white.spread(begin, predicted, whitened, W))
+        known = scatter, counted, switching
+        scatter, counted, switching = map(add, known, white.spread(begin, predicted, whitened, W))
         columns = whitened.reshape(-1, whitened.shape[2])
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
         names = [(channel, name) for channel in data.channels for name, _ in evaluated]
-    return (products, gradient, scatter + switching @ switching.T), names
+    return (products, gradient, scatter - counted + switching @ switching.T), names
 
 
 def _signals(data, begin: int, left: np.ndarray) -> Signals:

@@ -1,4 +1,8 @@
-"""How certain an effect of a fit is: its strength in standard errors, and what coloured noise adds to these."""
+"""How certain an effect of a fit is: its strength in standard errors, and what coloured noise adds to these.
+
+It is judged beside gains in -2 ln L and residual tests, which do not know that samples behind a switch err together:
+so none of them does.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,7 @@ def significance(found: Fit, n: int) -> float:
     parameter = found.model.parameters[place]
     inner = parameter.inner(value_at(found.model.transducer, parameter.path))
     size = 1.0 if parameter.scaling == "log" else float(np.real(inner))
-    return size**2 / float(covariance(found)[place, place])
+    return size**2 / float(covariance(found, switching=False)[place, place])
 
 
 def standard_errors_from_zero(problem: Problem, found: Fit, n: int) -> float:
@@ -41,7 +45,8 @@ def standard_errors_from_zero(problem: Problem, found: Fit, n: int) -> float:
     """
     if found.model.transducer.effects[n].scanned:
         return np.inf
-    scatter, place = covariance(found, _undetermined_places(found)), _strength_column(found, n)
+    scatter = covariance(found, _undetermined_places(found), switching=False)
+    place = _strength_column(found, n)
     if place is None:
         size, error = line_amplitude(problem, found, n, scatter)
         return size / error if error > 0.0 else np.inf
@@ -57,7 +62,7 @@ def _undetermined_places(found: Fit) -> list[int]:
     places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path[0] != "effects"]
     fixed: list[int] = []
     while places:
-        std = np.sqrt(np.diag(covariance(found, fixed)))
+        std = np.sqrt(np.diag(covariance(found, fixed, switching=False)))
         worst = max(places, key=lambda k: std[k] / size_of(found, k))
         if std[worst] / size_of(found, worst) < thresholds.MAX_RELATIVE_ERROR:
             break

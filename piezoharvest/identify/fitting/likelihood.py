@@ -38,7 +38,9 @@ class Sums:
     count : (bands,) array
         Number of squares.
     scatter : (p, p) array
-        Covariance of the gradient that rounded sensors add, less what the information counts of the noise of switching.
+        Covariance of the gradient that rounded sensors add.
+    counted : (p, p) array
+        What the information counts of the noise of switching, as if its errors were independent.
     switching : (p, n) array
         Realisations of the change of the gradient, over the square root of `n`, by a switch that acts earlier or later.
     """
@@ -48,6 +50,7 @@ class Sums:
     squares: np.ndarray
     count: np.ndarray
     scatter: np.ndarray
+    counted: np.ndarray
     switching: np.ndarray
 
     @classmethod
@@ -55,12 +58,12 @@ class Sums:
         """Sums equal to zero, for `p` parameters."""
         bands = len(BAND_EDGES) - 1
         sums, bare = (np.zeros((bands, p, p)), np.zeros((bands, p))), (np.zeros(bands), np.zeros(bands))
-        return cls(*sums, *bare, np.zeros((p, p)), np.zeros((p, 0)))
+        return cls(*sums, *bare, np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, 0)))
 
     @property
     def spread(self) -> np.ndarray:
         """Covariance of the gradient that white noise does not have, (p, p)."""
-        return self.scatter + self.switching @ self.switching.T
+        return self.scatter - self.counted + self.switching @ self.switching.T
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -182,8 +185,8 @@ class Whitener:
 
     def spread(
         self, begin: int, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """`scatter` (p, p) and `switching` (p, n) of `Sums` for a block.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`scatter` and `counted` (p, p), and `switching` (p, n), of `Sums` for a block.
 
         Parameters
         ----------
@@ -198,13 +201,13 @@ class Whitener:
         """
         scatter = self.rounding_scatter(predicted, whitened, white)
         if self._events is None or self._events.known:
-            return scatter, np.zeros((len(scatter), 0))
+            return scatter, np.zeros_like(scatter), np.zeros((len(scatter), 0))
         channels = range(predicted.shape[1])
         slopes = np.array([_slopes(k, whitened, white, len(predicted)) for k in channels])
         if self._data.hidden is not None:
             slopes[:, self._data.hidden[begin : begin + len(predicted)]] = 0.0
         switching, counted = self._events.spread(begin, slopes)
-        return scatter - counted, switching
+        return scatter, counted, switching
 
     def rounding_scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.
@@ -255,8 +258,8 @@ def _whitened(residual, slopes, W: np.ndarray, spread: Callable | None) -> Sums:
     P, bands = D.shape[1], len(BAND_EDGES) - 1
     sums = Sums.empty(P)
     if spread is not None:
-        scatter, switching = spread(D.transpose(2, 0, 1))
-        sums = replace(sums, scatter=scatter, switching=switching)
+        scatter, counted, switching = spread(D.transpose(2, 0, 1))
+        sums = replace(sums, scatter=scatter, counted=counted, switching=switching)
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:

@@ -139,7 +139,7 @@ def linearised(
     return total_information(model, nuisance, sums_of(problem, model, nuisance, found.white))
 
 
-def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
+def covariance(found: Fit, fixed: Sequence[int] = (), *, switching: bool = True) -> np.ndarray:
     """Covariance of all parameters for coloured residuals: a sandwich estimate by bands of frequency.
 
     If the residuals of a band exceed the noise (rounding, slow noise, model error), the information of the band is
@@ -150,6 +150,8 @@ def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     found : Fit
     fixed : sequence of int
         Parameters that are taken as known, whose rows and columns are zero.
+    switching : bool
+        False to leave out that samples err together because a switch acts earlier or later, as gains in -2 ln L do.
     """
     model, nuisance = found.model, found.nuisance
     p, at = len(model.parameters), len(model.parameters)
@@ -159,14 +161,15 @@ def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     # Bands with few lines are judged together with those below them.
     excess = np.maximum(np.cumsum(squares) / np.maximum(np.cumsum(count), 1.0), squares / np.maximum(count, 1.0))
     excess = np.maximum(excess, 1.0)
-    for mine, part in zip(nuisance, found.sums, strict=True):
+    spreads = [part.spread if switching else part.scatter for part in found.sums]
+    for mine, part, spread in zip(nuisance, found.sums, spreads, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
-        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.spread
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + spread
         at += len(mine)
     free = np.delete(np.arange(len(meat)), list(fixed))
     bread = np.zeros_like(meat)
     bread[np.ix_(free, free)] = posterior(*(part[np.ix_(free, free)] for part in (found.information, found.prior)))
-    if np.all(excess == 1.0) and not any(np.any(part.spread) for part in found.sums):
+    if np.all(excess == 1.0) and not any(map(np.any, spreads)):
         return bread
     total = bread @ (meat + found.prior) @ bread
     # Of parameters that are determined by their ratio only, rounding leaves 1e-8 of asymmetry.
@@ -182,8 +185,8 @@ def standard_errors(found: Fit) -> np.ndarray:
 
 
 def inflation(found: Fit, k: int) -> float:
-    """Ratio of a parameter's variance to that with the assumed noise alone, at least 1."""
-    return max(1.0, float(covariance(found)[k, k] / inverse(found.information + found.prior)[k, k]))
+    """Ratio of a parameter's variance to that with the assumed noise alone, at least 1; of switching nothing."""
+    return max(1.0, float(covariance(found, switching=False)[k, k] / inverse(found.information + found.prior)[k, k]))
 
 
 def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
