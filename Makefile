@@ -1,6 +1,6 @@
 # make demo   install on first use and write the demonstration to demo-report/: designed, measured, diagnosed, designed again
 # make test   run the quick tests (5 to 10 minutes on two cores)
-# make slow   run the tests that take long, which `make test` leaves out (about 10 minutes)
+# make slow   run the tests that take long, which `make test` leaves out (17 minutes on two cores)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 to 6 minutes)
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in docs/validation.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)

@@ -152,19 +152,19 @@ def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: fl
     return f"{across}*{across}*{conductance}"
 
 
-class SwitchedLoop(NamedTuple):
+class LoopOfNetlist(NamedTuple):
     """Timing of an inductive switch, and the impedance sqrt(L/C) of its loop."""
 
     on_time: float
     impedance: float
 
 
-def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str) -> SwitchedLoop:
+def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str) -> LoopOfNetlist:
     """Inductor, its resistance and switch from `p` to the node `end`."""
     capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     write_timing(deck, switch, switch.on_time, point).pulse("", 0.0, switch.on_time)
-    return SwitchedLoop(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
+    return LoopOfNetlist(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
 
 
 def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float) -> float:

@@ -42,8 +42,10 @@ def main() -> None:
             (options.kills, KILLS, attempt_kill), (True, STUDIES, attempt))  # fmt: skip
     path, trial = next((path, trial) for wanted, path, trial in jobs if wanted)
     if options.mutants:
-        from reports.reliability.mutants import attempt_mutant  # with what the extra `mutation` installs
-
+        try:
+            from reports.reliability.mutants import attempt_mutant
+        except ModuleNotFoundError as error:
+            parser.error(f"--mutants needs {error.name}, which the extra `mutation` installs")
         path, trial = MUTANTS, attempt_mutant
     seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
     done = {row["seed"] for row in rows_of(path)}

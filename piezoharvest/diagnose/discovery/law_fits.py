@@ -153,7 +153,7 @@ def _quantities(component: Component, path: Path) -> list[Parameter]:
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoredLaw:
     """A law without kinks at a place, and what one linearisation expects of it.
 
     Attributes
@@ -173,7 +173,7 @@ class Scored:
         return self.smoothness.gain
 
 
-def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> Scored | None:
+def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> ScoredLaw | None:
     """Score of a law without kinks; None where the model then has no solution, or no record shows it."""
     first = len(base.model.transducer.effects)
     parameters = law_parameters(law, first)
@@ -192,7 +192,7 @@ def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> Scored 
     plain = np.diag(information)[own]
     if not np.any(np.diag(inside) > 1e-8 * plain):
         return None  # in the span of the fitted parameters
-    return Scored(law, visited, smoothness(inside, slope))
+    return ScoredLaw(law, visited, smoothness(inside, slope))
 
 
 def fitted(

@@ -16,7 +16,7 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.diagnose.discovery.law_fits import Scored, law_parameters
+from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
 from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.diagnose.selection.score_tests import extended
@@ -71,7 +71,7 @@ def _resonances(scales: CampaignScales, *, behind: bool) -> Iterator[Resonance]:
         yield Resonance(frequency=float(frequency), damping_ratio=DAMPING_RATIO, behind=behind)
 
 
-def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[Scored]:
+def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[ScoredLaw]:
     """Scores of laws with a memory at one place, those of the wrong sign at a port left out: they would give energy."""
     first, at = len(base.model.transducer.effects), len(base.model.parameters)
     strengths = [_strength(law, n) for n, law in enumerate(laws, first)]
@@ -94,7 +94,7 @@ def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np
         if step * law.passive_sign < 0.0 or not strength.lower <= step <= strength.upper:
             continue
         begun = put(law, strength.path[2:], step)
-        found.append(Scored(begun, visited, Smoothness(np.inf, float(slope[0] * step))))
+        found.append(ScoredLaw(begun, visited, Smoothness(np.inf, float(slope[0] * step))))
     return found
 
 

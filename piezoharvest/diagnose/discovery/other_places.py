@@ -15,7 +15,7 @@ from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, fitted, score
+from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, fitted, score
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.search import MIN_SCORE
@@ -66,7 +66,7 @@ def rivals(
     return sorted(found, key=lambda pair: -pair[1])
 
 
-def _promising(problem: Problem, start: Fit, gain: float) -> list[Scored]:
+def _promising(problem: Problem, start: Fit, gain: float) -> list[ScoredLaw]:
     """Tables whose scores come near to the gain of the effects, the highest first."""
     visited = visited_inputs(problem, start)
     forms = [(place, table_for(place, visited[place.input])) for place in places_of(problem, visited)]

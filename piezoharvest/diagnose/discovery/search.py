@@ -15,7 +15,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fitted, score
+from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score
 from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
@@ -125,7 +125,7 @@ def _alike(first: LawFit, second: LawFit) -> bool:
     return (first.place.name, first.place.input) == (second.place.name, second.place.input)
 
 
-def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Callable[[str], None]) -> list[LawFit]:
+def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> list[LawFit]:
     """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun."""
     done: list[LawFit] = []
     most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
@@ -149,11 +149,11 @@ def _words(law: Law) -> str:
     return f"{law.place.name}, of {law.place.input.replace('_', ' ')}{memory}"
 
 
-def _scored(problem: Problem, start: Fit) -> list[Scored]:
+def _scored(problem: Problem, start: Fit) -> list[ScoredLaw]:
     """Scores of all places, without a memory and with each kind at its best start, the highest first."""
     visited = visited_inputs(problem, start)
     scales = campaign_scales(problem.data, start)
-    found: list[Scored] = []
+    found: list[ScoredLaw] = []
     for place in places_of(problem, visited):
         form = _first_form(problem, place, visited[place.input])
         each = form and score(problem, start, Law(place=place, form=form), visited[place.input])
@@ -177,16 +177,16 @@ def _memories(problem: Problem, place: Place, visited: Visited, scales: Campaign
     return found
 
 
-def _best_memories(problem: Problem, start: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[Scored]:
+def _best_memories(problem: Problem, start: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[ScoredLaw]:
     """The best start of each kind of memory at a place."""
-    best: dict[str, Scored] = {}
+    best: dict[str, ScoredLaw] = {}
     for each in sorted(score_memories(problem, start, laws, visited), key=lambda each: -each.gain) if laws else []:
         assert each.law.memory is not None
         best.setdefault(each.law.memory.kind, each)
     return list(best.values())
 
 
-def promising(scored: Sequence[Scored], misfit: float) -> list[Scored]:
+def promising(scored: Sequence[ScoredLaw], misfit: float) -> list[ScoredLaw]:
     """Scores whose places are fitted: the highest, and where the misfit is large the best of each place.
 
     A score is a linearisation, which tells little where the fitted parameters have gone far to make up for a law.

@@ -131,6 +131,7 @@ def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: T
         assert slopes is not None
         signals = _signals(data, begin, residual)
         residual -= white.passed(begin, begin + len(residual))
+        predicted = data.part(begin, begin + len(residual)) - residual
         evaluated = list(terms(signals, data.setting.sample_time, scales))
         added = np.column_stack([values for _, values in evaluated])[:, None, :]
         added = np.broadcast_to(added, (*residual.shape, added.shape[2]))  # a term added to each of the channels
@@ -138,7 +139,6 @@ def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: T
         # Whitened: for a term added to a channel, that column of the whitening matrix.
         placed = (W[:, :, :, None] * spectra_of(added)[:, None, :, :]).reshape(len(W), W.shape[1], -1)
         whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
-        predicted = data.part(begin, begin + len(residual)) - residual
         known = scatter, counted, switching
         scatter, counted, switching = map(add, known, white.spread(begin, predicted, whitened, W))
         columns = whitened.reshape(-1, whitened.shape[2])

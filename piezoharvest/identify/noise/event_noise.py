@@ -7,7 +7,7 @@ the drive is a sine whose amplitude and phase are known to a part: standard erro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -50,6 +50,11 @@ class EventNoise:
         Standard deviations of the channels' noise.
     noise : float
         That of the drive.
+
+    Attributes
+    ----------
+    known : bool
+        True if neither the drive nor a gate leaves anything open: all weights are one, and nothing is simulated.
     """
 
     def __init__(
@@ -71,6 +76,11 @@ class EventNoise:
             wide = np.mean(self._errors(WIDE, WIDENED) ** 2, axis=0) / WIDENED**2
             variance = np.maximum(variance, wide)
         return self._own / np.sqrt(self._own**2 + variance)
+
+    @cached_property
+    def _base(self) -> np.ndarray:
+        """Responses (samples, channels) to the drive without noise."""
+        return _values(self._prediction, self._channels)
 
     @cached_property
     def _weighted_errors(self) -> np.ndarray:
@@ -112,18 +122,17 @@ class EventNoise:
         Those that cannot be followed are left out.
         """
         prediction, channels, found = self._prediction, self._channels, []
-        base = _values(prediction, channels)
-        drives = (
-            noisy_drives(self._signal, self._drive, self._noise, count) if self._noise > 0.0 else [self._drive] * count
-        )
+        drives: Iterable[np.ndarray] = [self._drive] * count
+        if self._noise > 0.0:
+            drives = noisy_drives(self._signal, self._drive, times * self._noise, count, kept=times == 1.0)
         for seed, noisy in enumerate(drives):
             again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
             try:
                 linear = small_response(prediction, channels, noisy - self._drive)
-                found.append(_values(again, channels) - base - linear)
+                found.append(_values(again, channels) - self._base - linear)
             except PredictionError:
                 continue
-        return np.array(found or [np.zeros_like(base)])
+        return np.array(found or [np.zeros_like(self._base)])
 
 
 def _retimed(setting: Setting, seed: int) -> Setting:

@@ -33,7 +33,7 @@ from piezoharvest.description.effects.nameless.places import (
 )
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.forms.known import known_effects
-from piezoharvest.diagnose.discovery.law_fits import Scored
+from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
 from piezoharvest.diagnose.discovery.search import FITS, promising
 from piezoharvest.diagnose.discovery.smoothness import Smoothness
 from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
@@ -98,7 +98,7 @@ def test_what_no_file_has_or_has_with_another_sign_gets_no_name():
 
 def scored(place, gain):
     law = Law(place=place, form=Line(factor=0.0))
-    return Scored(law, np.zeros(1), Smoothness(1.0, gain))
+    return ScoredLaw(law, np.zeros(1), Smoothness(1.0, gain))
 
 
 def test_where_the_misfit_is_large_the_best_start_of_each_place_is_fitted():
