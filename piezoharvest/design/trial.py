@@ -32,6 +32,9 @@ _PEAK_STEPS = 8
 # Of all simulations of a design together, in units of `engine.work_limit`: about 10 s, twice the largest of designs/.
 DESIGN_WORK = MAX_WORK * 5 // 4
 _NOISE_SHARE = 0.08  # of that for the expectation of one candidate: most of twelve, with their tuning, are within it
+# Two peaks of a tuned circuit are equally high: of those that differ by less than figures show, the first is shown, not
+# the one that rounding makes the higher.
+SAME_HEIGHT = 1e-4
 _TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
 
@@ -199,12 +202,13 @@ class Trial:
         if complete or goal.damping or goal.limits_levels:
             self._close_in(shunt, complete, found)
         responses = [found[f] for f in sorted(found)]
-        worst = max(responses, key=lambda r: r.displacement_amplitude)
-        attenuation = self._attenuation(worst.displacement_amplitude, complete=complete)
+        highest = max(r.displacement_amplitude for r in responses)
+        worst = next(r for r in responses if r.displacement_amplitude >= (1.0 - SAME_HEIGHT) * highest)
+        attenuation = self._attenuation(highest, complete=complete)
         failed = [r for r in responses if not r.converged]
         told = next((r.message for r in (*failed, *responses) if r.message), "")
         voltage = max(r.voltage_amplitude for r in responses)
-        return DesignFigures(power, worst.displacement_amplitude, voltage, attenuation, not failed, told, worst)
+        return DesignFigures(power, highest, voltage, attenuation, not failed, told, worst)
 
     def _close_in(self, shunt: Shunt, complete: bool, found: dict[float, Response]) -> None:
         """Add simulations over the band that converge on the peaks of the goal's quantities."""
