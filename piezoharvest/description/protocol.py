@@ -67,8 +67,11 @@ class SpecimenRows(Protocol):
         Displacement (m) and velocity (m/s) of the first mode.
     q, v_t, v, i : Row
         Charge (C), voltage across the clamped capacitance and at the electrodes (V), load current (A).
+    size : (float, float) or None
+        Amplitude and frequency (Hz) of the drive, arrays in a batch of designs; None where it has none.
     """
 
+    size: Any
     one: Row
     time: Row
     drive: Row
@@ -103,14 +106,11 @@ class EquationBuilder(SpecimenRows, Protocol):
     ----------
     reads : bool
         It has sensors, whose readings effects may change.
-    size : (float, float) or None
-        Amplitude and frequency (Hz) of the drive, arrays in a batch of designs; None where it has none.
     further : mapping of str to Row
         Channels that not every model has, by name.
     """
 
     reads: bool
-    size: Any
     further: Mapping[str, Row]
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:

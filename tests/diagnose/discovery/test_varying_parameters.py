@@ -77,3 +77,16 @@ def test_a_stiffness_that_changes_with_the_drive_is_found(of, laws, factor, tmp_
     # The stiffness is that at the least amplitude, or frequency; the slope is relative to it.
     slope, base = table["parameters"]["slope"], found.best.found.model.transducer.stiffness
     assert slope["value"] * base == pytest.approx(factor * BEAM["stiffness"], rel=0.05)
+
+
+@pytest.mark.parametrize("transient", [None, 5 / 45.0])
+@pytest.mark.parametrize("parameter", ["stiffness", "damping", "coupling", "capacitance"])
+def test_a_parameter_that_depends_on_the_drive_acts_and_takes_energy_as_one_of_that_value(parameter, transient):
+    """Six per cent more at this amplitude: as a device that has six per cent more, whose energy is known."""
+    drive, load = SineForce(amplitude=0.02, frequency=45.0), Resistor(resistance=1e5)
+    law = Law(place=OverTime(parameter, "amplitude"), form=Line(factor=3.0))
+    found = simulate(System(Transducer(**BEAM, effects=(law,)), load), drive, transient=transient)
+    more = simulate(System(Transducer(**{**BEAM, parameter: 1.06 * BEAM[parameter]}), load), drive, transient=transient)
+    assert found.converged and abs(found.energy["closure"]) < 1e-12
+    for name in ("harvested_power", "mechanical_power", "displacement_amplitude"):
+        assert getattr(found, name) == pytest.approx(getattr(more, name), rel=1e-9), name

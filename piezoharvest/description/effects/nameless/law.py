@@ -75,13 +75,17 @@ class Law(Effect):
         self.place.add(specimen, form)
 
     def stores(self, terms: EnergyRows) -> Sequence[Product]:
-        if self.memory is None or not self.place.port:
+        if self.memory is None:
+            return self.place.stores(terms, self.form)
+        if not self.place.port:
             return ()
         assert isinstance(self.form, Line)
         return self.memory.stores(self.place.port, self.form.factor, terms, self.place.rows(terms)[0])
 
     def losses(self, terms: EnergyRows) -> Sequence[Product]:
-        if self.memory is None or not self.place.port:
+        if self.memory is None:
+            return self.place.losses(terms, self.form)
+        if not self.place.port:
             return ()
         assert isinstance(self.form, Line)
         return self.memory.losses(self.place.port, self.form.factor, terms, self.place.rows(terms)[1])

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.description.circuit import Row
+from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.parameters import Component, check_choice
-from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
+from piezoharvest.description.protocol import EnergyRows, EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
@@ -72,6 +72,14 @@ class Place(Component):
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         """Add a law here to the equations of a specimen."""
         raise NotImplementedError
+
+    def stores(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+        """Energy (J) that a law here stores, beside that of elements, of which the engine keeps an account."""
+        return ()
+
+    def losses(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+        """Power (W) that it takes, likewise."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -247,16 +255,34 @@ class OverTime(Place):
             specimen.charge(device.coupling * changed(specimen.x))
             specimen.push(device.coupling * changed(specimen.v_t))
 
+    def stores(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+        number, device = self._number(terms.size, form), terms.transducer
+        if number is None:
+            return ()
+        if self.parameter == "stiffness":
+            return [Product(0.5 * device.stiffness * number, terms.x, terms.x)]
+        return [Product(0.5 * device.capacitance * number, terms.v_t, terms.v_t)] * (self.parameter == "capacitance")
+
+    def losses(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+        number = self._number(terms.size, form)
+        if number is None or self.parameter != "damping":
+            return ()
+        return [Product(terms.transducer.damping * number, terms.u, terms.u)]
+
     def _product(self, specimen: EquationBuilder, form: Form) -> Callable[[Row], Row] | None:
         """The relative change times a row: in a record one number, but over time; None where the drive has no size."""
         if self.of == "time":
             change = form.row(specimen, specimen.time)
             return lambda row: specimen.product(change, row)
-        if specimen.size is None:
+        number = self._number(specimen.size, form)
+        return None if number is None else lambda row: number * row
+
+    def _number(self, size: Any, form: Form) -> Any:
+        """The relative change in a record; None over time, and where the drive has no size."""
+        if self.of == "time" or size is None:
             return None
         numbers: Any = Numbers()
-        number = form.row(numbers, np.asarray(specimen.size[SIZES.index(self.of)], float))
-        return lambda row: number * row
+        return form.row(numbers, np.asarray(size[SIZES.index(self.of)], float))
 
 
 SIZES = ("amplitude", "frequency")  # of a drive, in this order
