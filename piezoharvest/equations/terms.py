@@ -153,7 +153,7 @@ class Terms:
         if not effect.absent:  # at its null value its energy may be one over zero, and is that of nothing
             self.stored += effect.stores(self)
             self.losses += [(effect.name, product) for product in effect.losses(self)]
-        return self._felt > 0 or type(effect).connect is not Effect.connect
+        return self._felt > 0 or effect.changes_circuit
 
     # Methods used by effects.
 

@@ -61,6 +61,9 @@ class Setting:
         Steps per sample for models with elements, whose outputs are linear in time within a step.
     size : (float, float) or None
         Amplitude and frequency (Hz) of the drive, which laws of a parameter may be functions of.
+    acted : float
+        Time (s) up to which the switch does not act: it has done so already, just before the record or at its very
+        beginning, and its loop is still closed. What it makes of the states until then, they have from the beginning.
     """
 
     drive: str
@@ -79,6 +82,7 @@ class Setting:
     harmonics: Harmonics | None = None
     gate: Edges | None = None
     size: tuple[float, float] | None = None
+    acted: float = 0.0
 
     @property
     def jumps(self) -> np.ndarray:

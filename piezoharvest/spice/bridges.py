@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.spice.curves import odd_voltage, path_bends
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.supply import write_supply
@@ -29,14 +30,21 @@ class _Diodes:
             "What diodes of a path pass is a current through a resistance above the voltage at which they begin to "
             "conduct, with a rounded corner; real diodes stand here with --diodes."
         )
-        self.drop = deck.parameter("diode_drop", shunt.diode_drop)
-        least = BRIDGE / (point.omega * point.capacitance)
-        self.resistance = deck.parameter("resistance_path", least + shunt.path_resistance)
+        self.least = BRIDGE / (point.omega * point.capacitance)
+        if shunt.diode_curve is None:
+            self.drop = deck.parameter("diode_drop", shunt.diode_drop)
+            self.resistance = deck.parameter("resistance_path", self.least + shunt.path_resistance)
 
     def current(self, voltage: str) -> str:
         """Current of a path of lines for the voltage across it."""
-        excess = f"({voltage}-{self.shunt.diodes}*{self.drop})"
-        return f"0.5/{self.resistance}*({excess} + sqrt({excess}*{excess}+{self.corner}))"
+        if self.shunt.diode_curve is None:
+            return self._hinge(f"0.5/{self.resistance}", f"({voltage}-{self.shunt.diodes}*{self.drop})")
+        bends = path_bends(self.shunt, self.least)
+        return " + ".join(self._hinge(number(0.5 * rise), f"({voltage}-{number(at)})") for at, rise in bends)
+
+    def _hinge(self, factor: str, excess: str) -> str:
+        """Twice the excess above zero, with a rounded corner, times a factor."""
+        return f"{factor}*({excess} + sqrt({excess}*{excess}+{self.corner}))"
 
     def add(self, name: str, plus: str, minus: str) -> None:
         """One diode between two nodes, with what it conducts backwards."""
@@ -57,7 +65,7 @@ def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCir
     deck.section("bridge: V(dc) is the voltage behind it")
     diodes = _Diodes(deck, shunt, point)
     pairs = [diodes.current(f"({sign}V(p)-V(dc))") for sign in ("", "-")]
-    deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
+    deck.add(f"Bin p 0 I={pairs[0]} - ({pairs[1]})")
     deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
     if shunt.diode_leakage:
         deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
@@ -82,7 +90,11 @@ def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: 
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     resistive = f"2*{resistance}*{number(current)}*V(through)"
-    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{drop}) + {resistive}")
+    bent = ""
+    if (curve := shunt.diode_curve) is not None:
+        bent = f" + 2*{number(curve.voltages[0])}*V(direction)" if curve.voltages[0] else ""
+        bent += f" + 2*({odd_voltage(curve, f'{number(current)}*V(through)')})"
+    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{drop}) + {resistive}{bent}")
     deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
     return write_dc_side(deck, shunt, point)
 

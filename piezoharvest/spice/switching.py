@@ -10,8 +10,9 @@ import numpy as np
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.damping.ssds import SSDS
-from piezoharvest.description.shunts.real_coil import WoundSwitch
+from piezoharvest.description.shunts.real_coil import CoredSwitch, WoundSwitch
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
+from piezoharvest.spice.curves import odd_voltage
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -187,7 +188,11 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
         deck.add("Rcore p l", core)
         deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
         deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
-    deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
+    curve = shunt.switch_curve if isinstance(shunt, CoredSwitch) else None
+    deck.add(f"Rloop l {'c' if curve else 'k'}", resistance - 2 * impedance**2 / ideal)
+    if curve:
+        deck.comment("What the closed switch takes beside the resistance of the loop, over its current.")
+        deck.add(f"Bcurve c k V={odd_voltage(curve, '((V(l)-V(c))/{resistance_loop})')}")
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.

@@ -66,6 +66,11 @@ class Effect(Component):
         """The circuit that is really connected where the label says `shunt`."""
         return shunt
 
+    @property
+    def changes_circuit(self) -> bool:
+        """True if it may connect another circuit than that of the label."""
+        return type(self).connect is not Effect.connect
+
     @classmethod
     def acts_on(cls, shunt: Shunt | None) -> bool:
         """True if records behind this circuit (None under an imposed voltage) can show the effect.

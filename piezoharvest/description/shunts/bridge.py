@@ -10,9 +10,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.storage import Storage
+from piezoharvest.description.shunts.voltage_curve import VoltageCurve
 
 MOST_VOLTS = 1e6  # of a capacitor at the beginning: beyond it the engine finds no end of a first conduction
 
@@ -21,10 +22,11 @@ MOST_VOLTS = 1e6  # of a capacitor at the beginning: beyond it the engine finds 
 class Bridge(Shunt):
     """Diodes in front of a capacitor with a load or of a constant voltage; a full bridge, two of them in every path.
 
-    A diode that conducts drops `diode_drop` and `diode_resistance` times its current. It conducts backwards, too, as a
-    conductance `diode_leakage` beside it. In a full bridge the dc side lies halfway between the leads, by symmetry, so
-    that these are one such conductance across the leads and one across the dc side; `dc_leakage` adds to the latter.
-    A constant dc voltage holds against both, and what that takes is not counted.
+    A diode that conducts drops `diode_drop` and `diode_resistance` times its current, and what a table `diode_curve`
+    has at that current besides. It conducts backwards, too, as a conductance `diode_leakage` beside it. In a full
+    bridge the dc side lies halfway between the leads, by symmetry, so that these are one such conductance across the
+    leads and one across the dc side; `dc_leakage` adds to the latter. A constant dc voltage holds against both, and
+    what that takes is not counted.
 
     Circuits with other diodes change `diodes`, the number of them in a path, and `level`, what their voltages stop at.
     The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
@@ -40,7 +42,8 @@ class Bridge(Shunt):
     ------
     ParameterError
         Neither a smoothing capacitance with a load nor a dc voltage is given, or both; the initial voltage is above
-        that at which the storage is protected; or a smoothing resistance is given where it has no part.
+        that at which the storage is protected; a smoothing resistance is given where it has no part; or a curve of the
+        diodes together with a storage.
     """
 
     diodes: ClassVar[int] = 2
@@ -68,10 +71,15 @@ class Bridge(Shunt):
         "V", "dc voltage at the start of a transient; default: 0", default=None, at_least=0, at_most=MOST_VOLTS
     )
     storage: Storage | None = None
+    diode_curve: VoltageCurve | None = described(
+        "forward voltage of one diode over its current, beside diode_drop and diode_resistance", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_dc_side()
+        if self.diode_curve is not None:
+            self._check_curve(self.diode_curve)
         limit: Any = np.inf if self.storage is None else np.real(self.storage.limit)
         begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)
         if np.any(begins > limit):
@@ -81,6 +89,13 @@ class Bridge(Shunt):
 
         if np.any(np.real(self.smoothing_resistance)):
             self._check_smoothing_resistance()
+
+    def _check_curve(self, curve: VoltageCurve) -> None:
+        if self.storage is not None:
+            raise ParameterError("diode_curve", "found together with storage, which goes with straight diodes only")
+        if np.any(np.diff(np.real(curve.voltages), axis=0) <= 0):
+            found = f"found {list(curve.voltages)}, must increase (what does not is part of diode_drop)"
+            raise ParameterError("diode_curve.voltages", found)
 
     def _check_smoothing_resistance(self) -> None:
         why = None

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.switching import InductiveSwitch, SwitchedLoop
+from piezoharvest.description.shunts.voltage_curve import VoltageCurve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,9 @@ class CoredCoil(SwitchedLoop):
         """Power in the resistance of the loop and in the core, but not in that in line."""
         resistance = self.loop(port.capacitance)[1]
         if self.core_resistance is None:
-            return [Product(resistance, z.current, z.current)]
+            drop, further = self.in_line
+            lost = [Product(resistance + further, z.current, z.current)]
+            return [*lost, Product(drop, port.one, z.current)] if np.any(drop) else lost
         current = self.cored_current(closed, drive, port, z, line)
         in_core = current - z.current
         return [Product(resistance, current, current), Product(self.core_resistance, in_core, in_core)]
@@ -69,7 +72,30 @@ class CoredCoil(SwitchedLoop):
 
 @dataclass(frozen=True, kw_only=True)
 class CoredSwitch(InductiveSwitch, CoredCoil):
-    """A switched inductance that inverts the electrode voltage, with a core that may lose energy."""
+    """A switched inductance that inverts the electrode voltage, with a core that may lose energy.
+
+    Whatever the direction of its current, the closed switch takes what a table `switch_curve` has at that current,
+    beside the resistance of the loop. It is timed as without this voltage.
+
+    Raises
+    ------
+    ParameterError
+        A curve of the switch does not begin at 0 V, or is given together with a core or a self-resonance.
+    """
+
+    switch_curve: VoltageCurve | None = described(
+        "voltage of the closed switch over its current, beside the resistance of the loop", default=None
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.switch_curve is None:
+            return
+        if np.any(self.switch_curve.voltages[0]):
+            raise ParameterError("switch_curve.voltages", f"found {self.switch_curve.voltages[0]} V at 0 A, must be 0")
+        for key in ("core_resistance", "self_resonance"):
+            if getattr(self, key, None) is not None:
+                raise ParameterError("switch_curve", f"found together with {key}, give one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)

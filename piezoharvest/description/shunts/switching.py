@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -83,6 +83,8 @@ class SynchronisedShunt(Shunt):
 class SwitchedLoop(Shunt):
     """A loop with an inductance that a switch closes."""
 
+    in_line: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # V and ohm, beside the resistance of the loop (`curved`)
+
     def loop(self, capacitance: float) -> tuple[Any, Any]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
         raise NotImplementedError
@@ -96,7 +98,8 @@ class SwitchedLoop(Shunt):
         if not closed:
             return dz.current
         inductance, resistance = self.loop(port.capacitance)
-        return inductance * dz.current + resistance * z.current - drive
+        drop, further = self.in_line
+        return inductance * dz.current + (resistance + further) * z.current + drop * port.one - drive
 
 
 @dataclass(frozen=True, kw_only=True)

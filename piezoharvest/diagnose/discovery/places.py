@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.places import (
     PARAMETERS_OVER_TIME,
     SIZES,
@@ -35,10 +36,15 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     inside: list[Place] = [Spring(), Electrodes(), Capacitor(), Coupling()]
     inside += [] if quasi_static else [Damper()]
     inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
+    inside += [kind(reach=_largest(visited[kind.input])) for kind in (Diode, SwitchLoop) if kind.input in visited]
     moving = [of for of in ("time", *SIZES) if of in visited and _differs(visited[of])]
     names = [name for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
     inside += [OverTime(name, of) for name in names for of in moving]
     return [place for place in (*inside, *_readings(records)) if place.input in visited]
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max())
 
 
 def _differs(values: np.ndarray) -> bool:

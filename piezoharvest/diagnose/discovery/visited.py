@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.circuit_places import has_diodes, has_loop
 from piezoharvest.description.effects.nameless.places import SIZES
+from piezoharvest.description.shunts import SeriesSSHI
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import prediction_of
@@ -45,5 +47,24 @@ def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.nda
     step = data.setting.sample_time
     rates = {f"{name}_rate": np.gradient(signals[name], step) for name in (data.drive, "displacement")}
     sizes = zip(SIZES, data.setting.size or (), strict=False)
+    currents = _currents_of_parts(data, found, signals)
     constant = {name: np.full(len(data), value) for name, value in sizes}
-    return {**signals, **rates, **constant, "time": np.linspace(0.0, 1.0, len(data))}
+    return {**signals, **rates, **currents, **constant, "time": np.linspace(0.0, 1.0, len(data))}
+
+
+def _currents_of_parts(data: Data, found: Fit, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Sizes of the currents that parts of the circuit may have had: no channel shows them.
+
+    Diodes that hold the voltage conduct what the motion makes of current, T x'; the loop of a coil swings to
+    v sqrt(C/L), v being the voltage with which it begins.
+    """
+    shunt, device = data.setting.shunt, found.model.transducer
+    parts: dict[str, np.ndarray] = {}
+    if has_diodes(shunt) and "velocity" in signals:
+        parts["diode_current"] = np.abs(device.coupling * signals["velocity"])
+    if has_loop(shunt) and "voltage" in signals:
+        inductance, _ = shunt.loop(device.capacitance)
+        parts["loop_current"] = np.abs(signals["voltage"]) * float(np.sqrt(device.capacitance / inductance))
+        if isinstance(shunt, SeriesSSHI):  # whose diodes are in the loop
+            parts["diode_current"] = parts["loop_current"]
+    return parts

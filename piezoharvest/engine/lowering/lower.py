@@ -13,6 +13,7 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.cold_start import with_start
+from piezoharvest.description.shunts.curved import with_curves
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
@@ -61,7 +62,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     check_size(system.transducer, excitation, system.shunt)
     signal = excitation.signal()
     system = settled(connected(system), excitation)
-    system = System(system.transducer, with_start(with_supply(system.shunt), system.shunt))
+    system = System(system.transducer, with_start(with_supply(with_curves(system.shunt)), system.shunt))
     drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"

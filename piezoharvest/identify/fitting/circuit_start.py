@@ -6,6 +6,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.identify.fitting.jumps import jumps_of
 from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.records.record import Record
@@ -16,8 +17,27 @@ REST_DEVIATIONS, REST_SAMPLES = 4.0, 3
 PERIODS = 1.5  # of the structure: in this time the voltage reaches what the diodes allow
 
 
-def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Transducer) -> dict[str, float]:
+def loop_closed_at_first(record: Record, shunt: Shunt, transducer: Transducer) -> int:
+    """Number of first samples in which the loop of the switch may still be closed after an action at the beginning.
+
+    It is 0 where the voltage does not jump there. Else the record begins within an inversion, or with one: what the
+    loop has then, no state that a record begins with tells, but after it a fit has all from the states alone.
+    """
+    switch = shunt.switch(transducer.capacitance, None)
+    if switch is None or switch.clocked or "voltage" not in record.signals:
+        return 0
+    closed = int(np.ceil(float(switch.on_time) * record.sample_rate))
+    period = 2.0 * np.pi * np.sqrt(transducer.mass / transducer.stiffness)
+    jumps = np.flatnonzero(jumps_of(record, "voltage", period)[: closed + 1])
+    return int(jumps[0]) + closed + 1 if len(jumps) else 0
+
+
+def circuit_start(
+    record: Record, setting: Setting, shunt: Shunt, transducer: Transducer, first: int = 0
+) -> dict[str, float]:
     """Start values by name, in units of `setting.sizes`; what no channel shows begins at rest.
+
+    The charge is that at the sample `first`, before which the loop of a switch may be closed.
 
     So does all where nothing differs from rest by more than noise: a velocity out of noise alone may have the wrong
     sign, which lets the switch act once more at the very beginning, and no small step leads back from there.
@@ -28,8 +48,9 @@ def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Tr
         return {}
     found = {"x1": None if x is None else x - rest, "u1": u}
     if "voltage" in record.signals:
-        voltage = float(record["voltage"][0])
-        moved = 0.0 if x is None else transducer.coupling * (x - rest)
+        voltage = float(record["voltage"][first])
+        there = float(record["displacement"][first]) if first and "displacement" in record.signals else x
+        moved = 0.0 if there is None else transducer.coupling * (there - rest)
         found["q"] = transducer.capacitance * voltage + moved
     found["dc"] = _dc(record, shunt, transducer)
     return {

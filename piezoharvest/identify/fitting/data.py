@@ -12,7 +12,7 @@ import numpy as np
 
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.identify.fitting.circuit_start import circuit_start
+from piezoharvest.identify.fitting.circuit_start import circuit_start, loop_closed_at_first
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.predict.circuit.setting import circuit_setting, has_events, periodic_setting
@@ -138,8 +138,11 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         moved = _range_of(record, "displacement")
         behind = circuit_setting(record.drive, shunt, step, clean, transducer, moved, record.gate)
         behind = replace(behind, reach=_reach(record, clean, transducer))
-        start = circuit_start(record, behind, shunt, transducer)
-        return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
+        first = loop_closed_at_first(record, shunt, transducer)
+        start = circuit_start(record, behind, shunt, transducer, first)
+        behind = replace(behind, acted=first * step if start else 0.0)
+        hidden = np.arange(len(record)) < first if first and start else None
+        return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start, hidden)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
     fine = steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels])

@@ -17,18 +17,16 @@ from dataclasses import replace
 import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.jumps import jumps_of
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_problem
-from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.identify.start_values.multistart import MAX_MEAN_SQUARE, fit_multistart
 from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.prediction import PredictionError
 
-# A change between two samples is a jump from so many times the steepest one of a sine of the same range, beyond what
-# noise changes by in a million samples; parameters whose events are off by this share of a period at most are found.
-MIN_STEEPNESS, NOISE_MARGIN, SHARE = 2.0, 5.0 * np.sqrt(2.0), 1.0 / 12.0
+SHARE = 1.0 / 12.0  # of a period: parameters whose events are off by no more are found
 JUMPING = ("voltage", "current")
 
 
@@ -68,7 +66,10 @@ def without_jumps(problem: Problem) -> Problem:
     device = problem.nominal
     period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)
     hidden = [beside_jumps(data, period) if isinstance(data, Data) else np.zeros(0, bool) for data in problem.data]
-    if not problem.has_events or not any(map(np.any, hidden)):
+    known = [each.hidden if isinstance(each, Data) else None for each in problem.data]
+    if not problem.has_events or not any(
+        np.any(mine if own is None else mine & ~own) for mine, own in zip(hidden, known, strict=True)
+    ):
         return problem
     data = [
         replace(_from_rest(each), hidden=mine) if isinstance(each, Data) else each
@@ -86,12 +87,9 @@ def _from_rest(data: Data) -> Data:
 
 def beside_jumps(data: Data, period: float) -> np.ndarray:
     """Mask (samples,) of what is beside a jump of a measured channel, for a period of the motion in s."""
-    step = data.setting.sample_time
-    reach = int(np.ceil(SHARE * period / step))
+    reach = int(np.ceil(SHARE * period / data.setting.sample_time))
     jumps = np.zeros(len(data), bool)
     for channel in set(JUMPING) & set(data.channels):
-        values = data.record[channel]
-        noise = data.sigma.get(channel, initial_noise(values))
-        most = MIN_STEEPNESS * np.pi * step / period * np.ptp(values) + NOISE_MARGIN * noise
-        jumps |= np.abs(np.diff(values, prepend=values[0])) > most
-    return np.convolve(jumps, np.ones(2 * reach + 1), "same") > 0.0 if 2 * reach < len(data) else jumps
+        jumps |= jumps_of(data.record, channel, period)
+    beside = np.convolve(jumps, np.ones(2 * reach + 1), "same") > 0.0 if 2 * reach < len(data) else jumps
+    return beside if data.hidden is None else beside | data.hidden

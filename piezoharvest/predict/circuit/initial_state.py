@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.sensitivity.dual_modes import Dual, dual
 from piezoharvest.engine.transient.sampled_system import SampledSystem
@@ -66,6 +67,8 @@ def initial_state(
     state.z[: len(z)] = z
     charge = next((size for name, size in free if name == "q"), 0.0)
     _discharge(plain.program, state, len(z), MARGIN * charge / scale.value[program.charge])
+    if setting.acted:
+        state.clock[st.ACTED] = setting.acted - float(plain.program.hold_off)
     return state, d
 
 

@@ -26,7 +26,11 @@ def nothing(x, *others):
 
 @dataclass(frozen=True)
 class Laws:
-    """What is added at each place; `capacitance` is the slope of a charge, `coupling` that of q_t."""
+    """What is added at each place; `capacitance` is the slope of a charge, `coupling` that of q_t.
+
+    `loop` is a voltage over the current of a switched loop, `diode` the current of a path over its voltage above the
+    drops: where it is given, a path is no constant drop.
+    """
 
     spring: object = nothing
     damper: object = nothing
@@ -34,6 +38,8 @@ class Laws:
     load: object = nothing
     capacitance: object = nothing
     coupling: object = nothing
+    loop: object = nothing
+    diode: object = None
     reading: dict = field(default_factory=dict)  # of the true channels, by channel
 
 

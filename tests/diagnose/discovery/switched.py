@@ -75,6 +75,9 @@ def slopes(t, y, specimen, laws, drive, circuit):
     flow, own, kind = -T * u - laws.electrodes(v), C + laws.capacitance(v), circuit.kind
     drain = dc / circuit.label["load_resistance"] if "load_resistance" in circuit.label else 0.0
     store = circuit.value("smoothing_capacitance") or 1.0
+    if kind == "rectifier" and circuit.side and laws.diode is not None:
+        through = laws.diode(circuit.side * v - dc - 2.0 * circuit.value("diode_drop"))
+        return [u, force / m, (flow - circuit.side * through) / own, (through - drain) / store, 0.0]
     if kind == "rectifier" and circuit.side:
         rise = (circuit.side * flow - drain) / (own + store)
         return [u, force / m, circuit.side * rise, rise, 0.0]
@@ -82,7 +85,7 @@ def slopes(t, y, specimen, laws, drive, circuit):
         flow -= v / circuit.label["resistance"]
     across, charging = 0.0, 0.0
     if kind == "ssdi" and circuit.closed:
-        across = v - circuit.resistance * i
+        across = v - circuit.resistance * i - laws.loop(i)
     if kind == "series_sshi" and circuit.side:
         across = v - circuit.resistance * i - circuit.side * (dc + 2.0 * circuit.value("diode_drop"))
         charging = circuit.side * i
@@ -104,6 +107,8 @@ def events_of(circuit):
             return circuit.gap(y[2], y[3])
         if circuit.kind == "series_sshi":
             return circuit.side * y[4] + (1e-12 if t < circuit.begun + 1e-9 else 0.0)
+        if others[1].diode is not None:
+            return -circuit.gap(y[2], y[3])
         _, _, _, rise, _ = slopes(t, y, *others)
         return circuit.label["smoothing_capacitance"] * rise + y[3] / circuit.label["load_resistance"]
 

@@ -6,23 +6,24 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from piezoharvest.description.effects.nameless.circuit_places import CircuitPlace
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import Memory
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Curve
 from piezoharvest.description.parameters import Component
 
-# Parts of a law, and the method without which a class is none that can be used.
+# Parts of a law, and what a class has to have of its own to be one that can be used.
 PARTS: Mapping[str, tuple[type[Component], str]] = {
-    "place": (Place, "add"), "form": (Form, "values"), "memory": (Memory, "row"),
+    "place": (Place, "name"), "form": (Form, "values"), "memory": (Memory, "row"),
 }  # fmt: skip
-assert issubclass(Curve, Form)  # its module has forms, too
+assert issubclass(Curve, Form) and issubclass(CircuitPlace, Place)  # their modules have forms and places, too
 
 
 def kinds_of(part: str) -> dict[str, type[Any]]:
     """Classes of places, forms or memories, by their kinds in files."""
-    base, method = PARTS[part]
-    usable = (cls for cls in _below(base) if getattr(cls, method) is not getattr(base, method))
+    base, own = PARTS[part]
+    usable = (cls for cls in _below(base) if getattr(cls, own, None) is not getattr(base, own, None))
     return {kind_of(cls): cls for cls in usable}
 
 

@@ -14,6 +14,7 @@ from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import Delay, Memory
 from piezoharvest.description.effects.nameless.places import SIZES, Place, Reading
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
+from piezoharvest.description.shunts.base import Shunt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +74,14 @@ class Law(Effect):
         if self.memory is not None:
             form = Remembered(form=form, memory=self.memory, of=self.place.input)
         self.place.add(specimen, form)
+
+    def connect(self, shunt: Shunt) -> Shunt:
+        return self.place.connect(shunt, self.form)
+
+    @property
+    def changes_circuit(self) -> bool:
+        """True at a place in the circuit."""
+        return self.place.in_circuit
 
     def stores(self, terms: EnergyRows) -> Sequence[Product]:
         if self.memory is None:

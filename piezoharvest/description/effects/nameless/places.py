@@ -14,11 +14,12 @@ from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RAT
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.parameters import Component, check_choice
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder, SpecimenRows
+from piezoharvest.description.shunts.base import Shunt
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
     "voltage": "V", "current": "A", "dc_voltage": "V", "dc_current": "A", "time": "", "amplitude": "",
-    "frequency": "Hz",
+    "frequency": "Hz", "diode_current": "A", "loop_current": "A",
 }  # fmt: skip
 CHANNELS = (
     "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
@@ -59,6 +60,7 @@ class Place(Component):
     bent: ClassVar[bool] = True
     needs_slope: ClassVar[bool] = False
     port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
+    in_circuit: ClassVar[bool] = False  # a law acts by `connect`
 
     def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
         """Rows of the input of a port and of its rate."""
@@ -72,6 +74,10 @@ class Place(Component):
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         """Add a law here to the equations of a specimen."""
         raise NotImplementedError
+
+    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+        """Return the circuit that a law here makes of one."""
+        return shunt
 
     def stores(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
         """Energy (J) that a law here stores, beside that of elements, of which the engine keeps an account."""

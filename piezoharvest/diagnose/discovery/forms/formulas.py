@@ -178,7 +178,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     yield from _powers(size, sides, POWER_OF_ENGINE if pieces < PIECES else {})
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
-    for sides_of in (2, *sides):
+    for sides_of in (2, *sides) if len(sides) == 2 else sides:
         reach = size if sides_of == 2 else high if sides_of == 1 else -low
         begin = 0.0 if sides_of == 2 or low < 0 < high else (low if sides_of == 1 else -high)
         knees = begin + (reach - begin) * np.linspace(0.04, 0.96, KNEES)
@@ -197,12 +197,14 @@ def _powers(size: float, sides: list[int], coarse: Mapping[str, Any]) -> Iterato
     for pair in POLYNOMIALS:
         make = lambda z, n=pair: Polynomial(factor=z[0], second=z[1] * z[0], scale=size, exponents=n)  # noqa: E731
         yield [(make, np.array([ratio])) for ratio in (-1.0, -0.1, 0.1, 1.0)]
-    for odd in (True, False):
+    # Of an input that has one sign all of these are the same function.
+    for odd in (True, False) if len(sides) == 2 else (False,):
         make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd, **coarse)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
     for side in sides:
         make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s, **coarse)  # noqa: E731
-        yield [(make, np.array([n])) for n in EXPONENTS]
+        if len(sides) == 2:
+            yield [(make, np.array([n])) for n in EXPONENTS]
         for exponent in HERTZ:
             make = lambda z, n=exponent, s=side: Hertz(  # noqa: E731
                 factor=z[0], exponent=n, scale=size, odd=False, side=s, **coarse

@@ -1,0 +1,117 @@
+"""Places in the circuits behind the electrodes, at which a law is a voltage over the current of a part."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeGuard, TypeVar
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Form, Knee, Line, numbers_of
+from piezoharvest.description.effects.nameless.numbers import Numbers
+from piezoharvest.description.effects.nameless.places import Place
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import EquationBuilder
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.real_coil import CoredSwitch
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.voltage_curve import VoltageCurve
+
+PIECES = 14  # of a curve, in cubes of the current, as diodes and coils are most bent near zero
+
+# A diode without a resistance has another law, and no derivative to one: it gets what drops this at the largest
+# current, a tenth of a millivolt, which is below the noise of any record behind a bridge.
+LEAST_DROP = 1e-4
+S = TypeVar("S", bound=Shunt)
+
+
+@dataclass(frozen=True)
+class CircuitPlace(Place):
+    """A part of the circuits: a law is a further voltage (V) across it, over the size of its current (A)."""
+
+    unit: ClassVar[str] = "V"
+    bent: ClassVar[bool] = False  # a straight line is a resistance, for which there is no parameter
+    in_circuit: ClassVar[bool] = True
+
+    reach: float = quantity("A", "largest current, up to which a smooth law is a broken line", above=0)
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        """Add nothing to the specimen."""
+
+    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+        """Return the circuit with the law in its parts."""
+        raise NotImplementedError
+
+    def curve(self, form: Form, least: float) -> VoltageCurve:
+        """Voltage over the current, with `least` (ohm) in series, below which the resistance of no piece is."""
+        currents = _corners(form, self.reach)
+        numbers: Any = Numbers()
+        steps = np.diff(currents, axis=-1)
+        slopes = np.diff(form.row(numbers, currents), axis=-1) / steps + least
+        slopes = np.where(np.real(slopes) >= least, slopes, least) if least > 0 else slopes
+        voltages = np.cumsum(np.concatenate([0.0 * slopes[..., :1], slopes * steps], axis=-1), axis=-1)
+        return VoltageCurve.stepped(tuple(numbers_of(currents)), tuple(numbers_of(voltages)))
+
+
+@dataclass(frozen=True)
+class Diode(CircuitPlace):
+    """Every diode of a bridge: voltage beside its drop and resistance, over its forward current."""
+
+    name: ClassVar[str] = "diode"
+    input: ClassVar[str] = "diode_current"
+
+    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+        if not has_diodes(shunt):
+            return shunt
+        found = self.curve(form, LEAST_DROP / self.reach)
+        return _with(shunt, diode_curve=found if shunt.diode_curve is None else shunt.diode_curve.plus(found))
+
+
+@dataclass(frozen=True)
+class SwitchLoop(CircuitPlace):
+    """The loop that a switch closes with its coil: voltage beside its resistance, over the size of its current."""
+
+    name: ClassVar[str] = "switch_loop"
+    input: ClassVar[str] = "loop_current"
+
+    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+        if not has_loop(shunt):
+            return shunt
+        found = self.curve(form, 0.0)
+        return _with(shunt, switch_curve=found if shunt.switch_curve is None else shunt.switch_curve.plus(found))
+
+
+def has_diodes(shunt: Shunt | None) -> TypeGuard[Bridge]:
+    """True for a circuit whose diodes may have a curve."""
+    return isinstance(shunt, Bridge) and shunt.storage is None and not isinstance(shunt, ElectronicBreaker)
+
+
+def has_loop(shunt: Shunt | None) -> TypeGuard[CoredSwitch]:
+    """True for a circuit whose closed switch may have a curve."""
+    if not isinstance(shunt, CoredSwitch) or shunt.core_resistance is not None:
+        return False
+    return getattr(shunt, "self_resonance", None) is None
+
+
+def _with(shunt: S, **values: VoltageCurve) -> S:
+    """A circuit with curves, whose numbers may have complex steps and are not checked."""
+    found = copy.copy(shunt)
+    found.__dict__.update(values)
+    return found
+
+
+def _corners(form: Form, reach: float) -> np.ndarray:
+    """Currents between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
+    if isinstance(form, Corners):
+        corners: list[Any] = [0.0, *(knot for knot in form.knots if knot > 0.0)]
+    elif isinstance(form, Line):
+        corners = [0.0]
+    elif isinstance(form, Knee | DeadZone):
+        corners = [0.0, form.knee if isinstance(form, Knee) else form.zone]
+    else:
+        corners = list(reach * np.linspace(0.0, 1.0, PIECES + 1) ** 3)
+    parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]
+    batch = np.broadcast_shapes(*(part.shape for part in parts))
+    return np.concatenate([np.broadcast_to(part, batch) for part in parts], axis=-1)
