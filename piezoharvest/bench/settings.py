@@ -210,6 +210,9 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
 
 def check_shunt(shunt: Shunt, where: str) -> None:
     """Raise `ParameterError` if the bench cannot build a circuit."""
+    for key in ("diode_curve", "switch_curve"):
+        if getattr(shunt, key, None) is not None:
+            raise ParameterError(f"{where}.{key}", "found on the virtual bench, whose diodes and switches are straight")
     for key in ("storage", "initial_dc_voltage", "smoothing_resistance", "start_voltage"):
         if getattr(shunt, key, None):
             raise ParameterError(

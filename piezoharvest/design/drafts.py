@@ -33,8 +33,8 @@ _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts 
 _TUNED_UNITS = ("ohm", "H", "F")
 # Parts that all candidates share, as a study's first table that has them says: of a bridge, of a switched coil, and
 # what beside them only counts where a table gives it.
-DIODE = ("diode_drop", "diode_resistance", "diode_leakage")
-COIL = ("switch_resistance", "core_resistance", "self_resonance")
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage", "diode_curve")
+COIL = ("switch_resistance", "core_resistance", "self_resonance", "switch_curve")
 BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.spice.curves import odd_voltage, path_bends
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.supply import write_supply
+from piezoharvest.spice.switching import changes_of, odd_voltage
 
 # Bridge: ratio of its least resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
 BRIDGE = 1e-4
@@ -39,7 +39,7 @@ class _Diodes:
         """Current of a path of lines for the voltage across it."""
         if self.shunt.diode_curve is None:
             return self._hinge(f"0.5/{self.resistance}", f"({voltage}-{self.shunt.diodes}*{self.drop})")
-        bends = path_bends(self.shunt, self.least)
+        bends = _path_bends(self.shunt, self.least)
         return " + ".join(self._hinge(number(0.5 * rise), f"({voltage}-{number(at)})") for at, rise in bends)
 
     def _hinge(self, factor: str, excess: str) -> str:
@@ -56,6 +56,19 @@ class _Diodes:
         self.deck.add(f"B{name} {plus} {minus} I={self.current(across)}")
         if self.shunt.diode_leakage:
             self.deck.add(f"Rback{name} {plus} {minus}", 1 / self.shunt.diode_leakage)
+
+
+def _path_bends(shunt: Bridge, least: float) -> list[tuple[float, float]]:
+    """Voltages (V) across a path of diodes at which its conductance rises, and by how much (S).
+
+    `least` is a resistance (ohm) in line with the path.
+    """
+    own, curve = shunt.path_resistance + least, shunt.diode_curve
+    if curve is None:
+        return [(float(shunt.path_drop), 1.0 / own)]
+    at = [shunt.path_drop + shunt.diodes * v + own * i for i, v in zip(curve.currents, curve.voltages, strict=True)]
+    conductances = [1.0 / (own + shunt.diodes * curve.piece(k)[1]) for k in range(curve.pieces)]
+    return list(zip(map(float, at[:-1]), changes_of(conductances), strict=True))
 
 
 def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:

@@ -9,10 +9,10 @@ import numpy as np
 
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.damping.ssds import SSDS
 from piezoharvest.description.shunts.real_coil import CoredSwitch, WoundSwitch
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
-from piezoharvest.spice.curves import odd_voltage
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -202,6 +202,23 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
         critical += 1 / core + math.exp(-np.euler_gamma) * CORE_STRAY * capacitance / time
     write_switch(deck, ("k", end), critical, ideal / impedance**2, OPEN / impedance)
     return impedance
+
+
+def odd_voltage(curve: VoltageCurve, current: str) -> str:
+    """Voltage of a curve that begins at zero over a current of either direction."""
+    bends = [
+        f"{number(change)}*(max({current}-{number(at)},0)-max(-({current})-{number(at)},0))"
+        for at, change in zip(
+            curve.currents[:-1], changes_of([curve.piece(k)[1] for k in range(curve.pieces)]), strict=True
+        )
+        if change
+    ]
+    return " + ".join(bends) or "0"
+
+
+def changes_of(slopes: list[float]) -> list[float]:
+    """Slope of the first piece, and by how much each of the others is steeper than the one before."""
+    return np.diff(slopes, prepend=0.0).tolist()
 
 
 def _write_wound_coil(deck: Deck, shunt: WoundSwitch, point: OperatingPoint, end: str, on_time: float) -> float:

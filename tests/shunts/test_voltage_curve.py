@@ -25,7 +25,7 @@ from piezoharvest import (
     simulate,
 )
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.voltage_curve import VoltageCurve
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.spice.simulators.comparison import compare
 
 DEVICE, DRIVE = Transducer(**BENCH), SineForce(amplitude=0.02, frequency=50.6)

@@ -12,8 +12,8 @@ import numpy as np
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.storage import Storage
-from piezoharvest.description.shunts.voltage_curve import VoltageCurve
 
 MOST_VOLTS = 1e6  # of a capacitor at the beginning: beyond it the engine finds no end of a first conduction
 

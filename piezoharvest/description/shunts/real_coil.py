@@ -10,8 +10,8 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, described, quantity
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.switching import InductiveSwitch, SwitchedLoop
-from piezoharvest.description.shunts.voltage_curve import VoltageCurve
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.cold_start import with_start
-from piezoharvest.description.shunts.curved import with_curves
+from piezoharvest.description.shunts.curves.curved import with_curves
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences

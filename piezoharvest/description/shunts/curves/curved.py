@@ -12,9 +12,9 @@ from piezoharvest.description.circuit import Guard, Port, Product, Row, State, S
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge, sign_of
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import CoredSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
-from piezoharvest.description.shunts.voltage_curve import VoltageCurve
 
 
 def with_curves(shunt: Shunt) -> Shunt:

@@ -1,0 +1,1 @@
+"""Parts whose voltage over their current is a broken line: the curve, and circuits with such parts."""
