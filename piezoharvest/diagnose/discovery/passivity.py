@@ -1,20 +1,24 @@
 """Energy at ports: a free law that gives some where nothing can give any is no law of that port, but a sensor's fault.
 
 A force over a displacement and a charge over a voltage return what they take: as functions they give nothing. A current
-over a voltage, or a force over a velocity, f(x), gives energy wherever x f(x) < 0. The closest table that gives none is
-a convex problem, and what it costs in -2 ln L says whether the records insist on giving. Sources: Brogliato et al.,
-Dissipative Systems Analysis and Control, 2007, section 2.1; Diamond & Boyd, J. Mach. Learn. Res. 17(83), 2016 (cvxpy).
+over a voltage, a voltage over a current, or a force over a velocity, f(x), gives energy wherever x f(x) < 0. The
+closest table that gives none is a convex problem, and what it costs in -2 ln L says whether the records insist on
+giving. Sources: Brogliato et al., Dissipative Systems Analysis and Control, 2007, section 2.1; Diamond & Boyd, J. Mach.
+Learn. Res. 17(83), 2016 (cvxpy).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.circuit_places import has_diodes, has_loop
 from piezoharvest.description.effects.nameless.memory import DIRECT
-from piezoharvest.description.shunts import Resistor
+from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit
 from piezoharvest.identify.fitting.data import Data
@@ -32,26 +36,43 @@ def takes_energy(problem: Problem, table: LawFit, gain: float = 0.0) -> bool:
     energy: what that costs is a small share of the gain (-2 ln L) by the law.
     """
     odds = max(2.0 * thresholds.MIN_LOG_ODDS, SWING * gain)
-    return price_of_passivity(table, own_slope(problem, table)) < odds
+    return price_of_passivity(table, *own_part(problem, table)) < odds
 
 
-def own_slope(problem: Problem, table: LawFit) -> float:
-    """What the model has at the port beside the law, for each unit of the input: the law may take that back, not more.
+def own_part(problem: Problem, table: LawFit) -> tuple[float, float]:
+    """What the model has at the port beside the law, c + d x: the law may take that back, not more.
 
-    A load takes part of what its label says; what is beside it, at the electrodes, has nothing to take back.
+    A load takes part of what its label says, diodes and a switched loop what theirs do; what is beside the load, at the
+    electrodes, has nothing to take back.
     """
-    if table.place.name == "damper":
-        return float(np.real(table.found.model.transducer.damping))
-    if table.place.name != "load":
-        return 0.0
-    shunts: list[Any] = [data.setting.shunt for data in problem.data if isinstance(data, Data)]
-    return min((1.0 / shunt.resistance for shunt in shunts if isinstance(shunt, Resistor)), default=0.0)
+    device, name = table.found.model.transducer, table.place.name
+    if name == "damper":
+        return 0.0, float(np.real(device.damping))
+    labels = (data.setting.shunt for data in problem.data if isinstance(data, Data))
+    shunts: list[Any] = [_connected(label, device.effects[: table.index]) for label in labels if label is not None]
+    if name == "load":
+        own = [(0.0, 1.0 / shunt.resistance) for shunt in shunts if isinstance(shunt, Resistor)]
+    elif name == "diode":
+        own = [(shunt.diode_drop, shunt.diode_resistance) for shunt in shunts if has_diodes(shunt)]
+    elif name == "switch_loop":
+        own = [(0.0, shunt.loop(device.capacitance)[1]) for shunt in shunts if has_loop(shunt)]
+    else:
+        own = []
+    constant, slope = np.min(np.real(own), axis=0) if own else (0.0, 0.0)
+    return float(constant), float(slope)
 
 
-def price_of_passivity(table: LawFit, slope: float) -> float:
-    """Rise of -2 ln L by the condition that a table with a straight line of this slope gives no energy."""
+def _connected(shunt: Shunt, effects: Sequence[Effect]) -> Shunt:
+    """The circuit as effects leave it."""
+    for effect in effects:
+        shunt = effect.connect(shunt)
+    return shunt
+
+
+def price_of_passivity(table: LawFit, constant: float, slope: float) -> float:
+    """Rise of -2 ln L by the condition that a table beside a constant and a straight line gives no energy."""
     form = table.form
-    if table.place.port != DIRECT or not isinstance(form, TABLES):
+    if not (table.place.port == DIRECT or table.place.in_circuit) or not isinstance(form, TABLES):
         return 0.0
     x = np.linspace(table.visited.min(), table.visited.max(), POINTS)
     pieces = np.column_stack([replace(form, kinks=tuple(unit)).values(x) for unit in np.eye(len(form.kinks))])
@@ -61,7 +82,7 @@ def price_of_passivity(table: LawFit, slope: float) -> float:
     values, vectors = np.linalg.eigh(weight * np.outer(size, size))
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     found = np.linalg.lstsq(weight * np.outer(size, size), size * right, rcond=1e-13)[0]
-    power, own = x[:, None] * pieces * size, slope * x**2
+    power, own = x[:, None] * pieces * size, constant * np.abs(x) + slope * x**2
     unit = float(np.abs(power @ found).max() + own.max())
     if unit == 0.0 or np.all(power @ found + own >= -ROUNDING * unit):
         return 0.0

@@ -7,36 +7,45 @@ import pytest
 from nameless import Drive, Laws, nameless_campaign
 from remembering import searched
 
+from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners
 from piezoharvest.description.effects.nameless.places import Damper, Electrodes, Load, Reading, Spring
 from piezoharvest.diagnose.discovery.passivity import price_of_passivity
 
 
-def table(place, kinks, knots=(1.0, -1.0), information=None):
+def table(place, kinks, knots=(1.0, -1.0), information=None, visited=(-2.0, 2.0)):
     """A fitted table, with the information of its kinks and no prior."""
     inside = np.eye(len(kinks)) * 4.0 if information is None else information
     return SimpleNamespace(
-        place=place, form=Corners(knots=knots, kinks=kinks), visited=np.linspace(-2.0, 2.0, 11), own=[0, 1],
+        place=place, form=Corners(knots=knots, kinks=kinks), visited=np.linspace(*visited, 11), own=[0, 1],
         normal=(inside, inside @ np.array(kinks)), found=SimpleNamespace(prior=np.zeros((2, 2))),
     )  # fmt: skip
 
 
 @pytest.mark.parametrize("place", [Load(), Electrodes(), Damper()])
 def test_a_law_that_takes_energy_costs_nothing(place):
-    assert price_of_passivity(table(place, (0.5, -0.5)), 0.0) == 0.0
+    assert price_of_passivity(table(place, (0.5, -0.5)), 0.0, 0.0) == 0.0
 
 
 def test_a_law_that_gives_energy_costs_what_its_kinks_are_away_from_none():
     # The closest table without energy has no kinks: 4 k^2 for each of two.
-    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.0) == pytest.approx(2.0, rel=1e-6)
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.0, 0.0) == pytest.approx(2.0, rel=1e-6)
     # Beside a conductance of 0.2 at 2 V it may take 0.4 of the 0.5 back: kinks of 0.4 remain.
-    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.2) == pytest.approx(2 * 4 * 0.1**2, rel=1e-6)
-    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.3) == 0.0
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.0, 0.2) == pytest.approx(2 * 4 * 0.1**2, rel=1e-6)
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.0, 0.3) == 0.0
 
 
 def test_springs_and_sensors_may_have_any_law():
-    assert price_of_passivity(table(Spring(), (-0.5, 0.5)), 0.0) == 0.0
-    assert price_of_passivity(table(Reading("current", "current"), (-0.5, 0.5)), 0.0) == 0.0
+    assert price_of_passivity(table(Spring(), (-0.5, 0.5)), 0.0, 0.0) == 0.0
+    assert price_of_passivity(table(Reading("current", "current"), (-0.5, 0.5)), 0.0, 0.0) == 0.0
+
+
+def test_diodes_and_a_loop_may_take_back_what_the_label_says():
+    """Of two amperes' worth of voltage: a diode has its drop at any current, a loop what goes with the current."""
+    falling = {"kinks": (-0.5, 0.0), "knots": (1.0, 1.5)}
+    for place, own in ((Diode(reach=2.0), (0.5, 0.0)), (SwitchLoop(reach=2.0), (0.0, 0.25))):
+        assert price_of_passivity(table(place, **falling, visited=(0.0, 2.0)), *own) == 0.0
+        assert price_of_passivity(table(place, **falling, visited=(0.0, 2.0)), 0.0, 0.0) > 0.9
 
 
 @pytest.mark.slow

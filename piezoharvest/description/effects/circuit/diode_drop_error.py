@@ -27,6 +27,7 @@ class DiodeDropError(Effect):
         "while the bridge conducts, the voltage exceeds the dc voltage by a constant, whatever the amplitude"
     )
     told_by: ClassVar[str] = "record the dc voltage as well as the electrode voltage, or measure at two amplitudes"
+    places: ClassVar[tuple[str, ...]] = ("diode",)
 
     diode_drop: float = quantity("V", "forward drop of one diode", at_least=0, null=AS_LABELLED)
 

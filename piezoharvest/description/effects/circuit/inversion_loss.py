@@ -26,6 +26,7 @@ class InversionLoss(Effect):
         "sample an inversion fast enough to resolve it: a voltage that falls back afterwards, or diodes that drop "
         "another voltage, do not change the inversion itself"
     )
+    places: ClassVar[tuple[str, ...]] = ("switch_loop",)
 
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5, null=AS_LABELLED)
 

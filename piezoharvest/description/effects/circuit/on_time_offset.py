@@ -33,6 +33,7 @@ class OnTimeOffset(Effect):
         "record the gate signal, or sample an inversion: a loop of low quality still ends at its peak, at the "
         "commanded time"
     )
+    places: ClassVar[tuple[str, ...]] = ("switch_loop",)
 
     # A switch that opens on time cuts no current: to first order nothing changes.
     second_order: ClassVar[bool] = True
