@@ -23,9 +23,9 @@ from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreak
 # 2.5 by 0.006 at the end.
 PIECES = 18
 
-# A diode without a resistance has another law, and no derivative to one: it gets what drops this at the largest
-# current, a tenth of a millivolt, which is below the noise of any record behind a bridge.
-LEAST_DROP = 1e-4
+# A diode without a resistance has another law, and no derivative to one: it gets what drops a millivolt at the largest
+# current, less than the noise of most records behind a bridge.
+LEAST_DROP = 1e-3
 S = TypeVar("S", bound=Shunt)
 
 

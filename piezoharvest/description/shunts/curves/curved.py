@@ -16,6 +16,10 @@ from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import CoredSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
+# A piece is left for the one before it at so much less than the current of the corner, relatively: behind a resistance
+# of an ohm, rounding of a voltage is as much of a microampere, and the two would follow each other without end.
+BACK = 1e-5
+
 
 def with_curves(shunt: Shunt) -> Shunt:
     """The circuit in all pieces of the curves of its diodes and of its switch, if it has any.
@@ -171,4 +175,4 @@ def _between(curve: VoltageCurve, piece: int, current: Row, port: Port) -> Itera
     if piece + 1 < curve.pieces:
         yield piece + 1, current - curve.currents[piece + 1] * port.one
     if piece:
-        yield piece - 1, curve.currents[piece] * port.one - current
+        yield piece - 1, (1.0 - BACK) * curve.currents[piece] * port.one - current
