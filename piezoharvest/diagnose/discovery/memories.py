@@ -98,6 +98,11 @@ def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np
     return found
 
 
+def at_null(law: Law) -> Law:
+    """A law with a memory without its strength."""
+    return put(law, _strength(law, 0).path[2:], 0.0)
+
+
 def _strength(law: Law, n: int) -> Parameter:
     """The parameter at whose zero a law with a memory is absent."""
     names = ("delay", "factor")

@@ -15,15 +15,15 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score
-from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
+from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
+from piezoharvest.diagnose.discovery.memories import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
 from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.output_error import fit, mean_square
+from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.prediction import PredictionError
 
@@ -133,6 +133,8 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         best = min((one.evidence for one in done), default=np.inf)
         if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
             continue
+        if problem.needs_engine and done and not _may_do_as_well(problem, best_of(done)[0], each):
+            continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
         if found is None:
             continue
@@ -142,6 +144,25 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         else:
             progress(f"there it would give energy, so that it is no law of the {found.place.name}")
     return done
+
+
+def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
+    """False if another law, scored where the best one has taken the parameters, explains too little of what that does.
+
+    There a score tells more than at the start, from which a fit may take minutes: without a law the parameters have
+    gone far to make up for it.
+    """
+    bare = without_law(best)
+    explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
+        float(part.squares.sum()) for part in best.found.sums
+    )
+    if other.law.memory is None:
+        again = score(problem, bare, other.law, other.visited)
+        gain = 0.0 if again is None else again.gain
+    else:
+        absent = at_null(other.law)
+        gain = max((each.gain for each in score_memories(problem, bare, [absent], other.visited)), default=0.0)
+    return gain > thresholds.MIN_EXCHANGE_SCORE * explained
 
 
 def _words(law: Law) -> str:
