@@ -58,11 +58,17 @@ class {title}(Effect):
 
     def late(self, channel):
         return self.law.late(channel)
-
+{connect}
     @classmethod
     def starts(cls, scales):
         yield cls({strength}=0.0)
 '''
+
+
+CONNECT = """
+    def connect(self, shunt):
+        return self.law.connect(shunt)
+"""
 
 
 def effect_text(law: Discovery, campaign: str) -> str:
@@ -86,8 +92,8 @@ def effect_text(law: Discovery, campaign: str) -> str:
         title="".join(word.capitalize() for word in words), name="_".join(words).lower(),
         source=f"found by piezoharvest diagnose in {campaign}", of=of, looks=f"what is left goes with the {of}",
         of_specimen=law.law.of_specimen, of_drive=law.law.of_drive, fields="\n".join(f"    {each}" for each in fields),
-        form_given=form_given, memory_given=repr(None) if memory is None else _given("MEMORY", memory),
-        strength=strength,
+        connect=CONNECT if place.in_circuit else "", form_given=form_given,
+        memory_given=repr(None) if memory is None else _given("MEMORY", memory), strength=strength,
     )  # fmt: skip
 
 

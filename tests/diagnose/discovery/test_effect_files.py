@@ -14,12 +14,13 @@ from piezoharvest import Transducer
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.law_files import save_laws
 from piezoharvest.description.effects import registered
+from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play, Resonance
 from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, OverTime, Reading, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape, Stribeck
-from piezoharvest.description.shunts import Resistor
+from piezoharvest.description.shunts import ParallelSSHI, Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
 from piezoharvest.diagnose.discovery.effect_test import save_effect_test
 from piezoharvest.diagnose.discovery.forms.wording import formula
@@ -42,10 +43,13 @@ LAWS = [
     Law(place=Reading("displacement", "displacement"), form=Line(factor=-1.0), memory=Play(threshold=np.float64(1e-6))),
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
+    Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
+    Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
 ]
 
 
 CHANNELS = ("displacement", "voltage", "current")
+SSHI = ParallelSSHI(inductance=0.5, quality=8.0, dc_voltage=2.0, diode_drop=0.3)
 
 
 @pytest.fixture(autouse=True)
@@ -78,6 +82,9 @@ def test_a_file_acts_as_the_law_that_it_is_of(law, tmp_path):
     assert made.of_specimen == law.of_specimen
     assert not made.absent
     assert [made.late(channel) for channel in CHANNELS] == [law.late(channel) for channel in CHANNELS]
+    assert made.changes_circuit == law.changes_circuit
+    assert made.connect(SSHI) == law.connect(SSHI)
+    assert (made.connect(SSHI) == SSHI) != law.changes_circuit
     assert [made.delays(channel) for channel in CHANNELS] == [law.delays(channel) for channel in CHANNELS]
     wanted, found = equations(law), equations(made)
     for part in ("A", "B", "W", "O", "parameters"):

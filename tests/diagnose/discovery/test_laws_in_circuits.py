@@ -102,10 +102,12 @@ def test_derivatives_are_those_of_differences(name, form):
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_a_law_that_is_zero_changes_next_to_nothing(name):
+def test_a_law_that_is_zero_changes_nothing_and_a_small_one_next_to_nothing(name):
     """A diode gets what drops a millivolt at its largest current, without which there is no derivative."""
     absent = Law(place=PLACES[name], form=Corners(knots=(0.0, 1e-5), kinks=(0.0, 0.0)))
-    difference = np.abs(values(prediction(name, absent)) - values(prediction(name)))
+    assert absent.connect(LABELS[name][1]) is LABELS[name][1]
+    small = Law(place=PLACES[name], form=Corners(knots=(0.0, 1e-5), kinks=(1e-6, 0.0)))
+    difference = np.abs(values(prediction(name, small)) - values(prediction(name)))
     assert np.all(difference.max(axis=0) <= [2e-8, 2e-3])
 
 

@@ -19,8 +19,8 @@ from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import CoredSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
-# Of a smooth curve, in squares of the current: a root, most bent near zero, is off by 0.03 of its end there, a power of
-# 2.5 by 0.006 at the end.
+# Of a broken line in the place of a smooth curve. In squares of the current a power of 2.5 is off by 0.006 of its end at
+# most; diodes, whose voltage goes with a logarithm or a root, are most bent near zero, and have cubes.
 PIECES = 18
 
 # A diode without a resistance has another law, and no derivative to one: it gets what drops a millivolt at the largest
@@ -36,6 +36,7 @@ class CircuitPlace(Place):
     unit: ClassVar[str] = "V"
     bent: ClassVar[bool] = False  # a straight line is a resistance, for which there is no parameter
     in_circuit: ClassVar[bool] = True
+    spacing: ClassVar[int] = 2  # power of the number of a corner, with which its current grows
 
     reach: float = quantity("A", "largest current, up to which a smooth law is a broken line", above=0)
 
@@ -48,7 +49,7 @@ class CircuitPlace(Place):
 
     def curve(self, form: Form, least: float) -> VoltageCurve:
         """Voltage over the current, with `least` (ohm) in series, below which the resistance of no piece is."""
-        currents = _corners(form, self.reach)
+        currents = _corners(form, self.reach, self.spacing)
         numbers: Any = Numbers()
         steps = np.diff(currents, axis=-1)
         slopes = np.diff(form.row(numbers, currents), axis=-1) / steps + least
@@ -63,6 +64,7 @@ class Diode(CircuitPlace):
 
     name: ClassVar[str] = "diode"
     input: ClassVar[str] = "diode_current"
+    spacing: ClassVar[int] = 3
 
     def connect(self, shunt: Shunt, form: Form) -> Shunt:
         if not has_diodes(shunt):
@@ -104,7 +106,7 @@ def _with(shunt: S, **values: VoltageCurve) -> S:
     return found
 
 
-def _corners(form: Form, reach: float) -> np.ndarray:
+def _corners(form: Form, reach: float, spacing: int) -> np.ndarray:
     """Currents between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
     if isinstance(form, Corners):
         corners: list[Any] = [0.0, *(knot for knot in form.knots if knot > 0.0)]
@@ -113,7 +115,7 @@ def _corners(form: Form, reach: float) -> np.ndarray:
     elif isinstance(form, Knee | DeadZone):
         corners = [0.0, form.knee if isinstance(form, Knee) else form.zone]
     else:
-        corners = list(reach * np.linspace(0.0, 1.0, PIECES + 1) ** 2)
+        corners = list(reach * np.linspace(0.0, 1.0, PIECES + 1) ** spacing)
     parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]
     batch = np.broadcast_shapes(*(part.shape for part in parts))
     return np.concatenate([np.broadcast_to(part, batch) for part in parts], axis=-1)

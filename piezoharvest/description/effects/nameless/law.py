@@ -76,7 +76,7 @@ class Law(Effect):
         self.place.add(specimen, form)
 
     def connect(self, shunt: Shunt) -> Shunt:
-        return self.place.connect(shunt, self.form)
+        return shunt if self.absent else self.place.connect(shunt, self.form)
 
     @property
     def changes_circuit(self) -> bool:
