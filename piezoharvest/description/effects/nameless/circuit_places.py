@@ -19,8 +19,8 @@ from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import CoredSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
-# Of a broken line in the place of a smooth curve. In squares of the current a power of 2.5 is off by 0.006 of its end at
-# most; diodes, whose voltage goes with a logarithm or a root, are most bent near zero, and have cubes.
+# Of a broken line in the place of a smooth curve. In squares of the current a power of 2.5 is off by 0.006 of its end
+# at most; diodes, whose voltage goes with a logarithm or a root, are most bent near zero, and have cubes.
 PIECES = 18
 
 # A diode without a resistance has another law, and no derivative to one: it gets what drops a millivolt at the largest
