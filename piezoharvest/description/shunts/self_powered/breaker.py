@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.real_coil import CoredCoil
+from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
 NEITHER = "none"
@@ -76,7 +76,7 @@ def breakers_of(configuration: str) -> Breakers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElectronicBreaker(SwitchedCoil, CoredCoil):
+class ElectronicBreaker(SwitchedCoil, WoundCoil):
     """Coil with two electronic breakers in its loop, one for each sign of the voltage.
 
     A diode charges an envelope capacitor to the voltage less its drop. Where the voltage has fallen by `threshold`,
@@ -99,6 +99,9 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
 
+    def inversion(self, capacitance: float) -> Any:
+        return super().inversion(capacitance) * self.charge_share(capacitance)
+
     @property
     def least_voltage(self) -> Any:
         """Open-circuit voltage amplitude above which a breaker passes a current, V; any store being empty."""
@@ -115,7 +118,7 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def breaker_states(self, capacitance: float) -> tuple[State, ...]:
         """Current of the coil, and voltages of both envelope capacitors."""
         held = (State(f"envelope_{which}", self.envelope_capacitance, odd=False) for which in ("high", "low"))
-        return (*self.coil_states(capacitance), *held)
+        return (*self.real_coil(capacitance).states(), *held)
 
     def configurations(self) -> tuple[str, ...]:
         every = (
@@ -138,7 +141,7 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def path_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current through the breaker that is closed, in the direction of a positive voltage."""
         sign = breakers.sign
-        return self.cored_current(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
+        return self.real_coil(port.capacitance).current(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
 
     def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current of the coil and of the envelope capacitors, out of the electrodes."""
@@ -148,15 +151,16 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def breaker_equations(self, breakers: Breakers, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Equations of the states of the breakers."""
         sign = breakers.sign
-        coil = self.cored_equations(sign != 0, self._drive(sign, port, z), port, z, dz, self.line(sign))
+        drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
         high = dz.envelope_high - (port.dv if breakers.envelope == "rise" else 0.0)
         low = dz.envelope_low + (port.dv if breakers.envelope == "fall" else 0.0)
-        return [*coil, high, low]
+        return [*coil.equations(sign != 0, drive, port, z, dz, self.line(sign)), high, low]
 
     def breaker_losses(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power in the coil's resistance and core and in the diodes of breakers and envelopes."""
         sign = breakers.sign
-        losses = self.cored_losses(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
+        drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
+        losses = coil.losses(sign != 0, drive, port, z, self.line(sign))
         if sign and np.any(self.diode_drop):
             current = self.path_current(breakers, port, z)
             losses.append(Product(sign * self.path_diodes * self.diode_drop, port.one, current))
@@ -177,7 +181,8 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
         if breakers.sign:
             after = breakers._replace(position=f"spent_{breakers.position}")
             current = self.path_current(breakers, port, z)
-            return [Guard(-breakers.sign * current, after.name, self.ended, event="switch opens")]
+            ended = self.real_coil(port.capacitance).ended
+            return [Guard(-breakers.sign * current, after.name, ended, event="switch opens")]
         if breakers.position != "open":
             sign = 1 if breakers.position == "spent_high" else -1
             fallen = self.diode_drop * port.one - sign * port.v
