@@ -66,7 +66,7 @@ def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_
         coil = shunt.real_coil(point.capacitance)
         write_winding(deck, coil, point)
         deck.add("Rclosed l k", coil.contact + extra - least)
-    drop = f"{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}" + ("+V(dc)" if in_line else "")
+    drop = _drop_of_path(deck, shunt) + ("+V(dc)" if in_line else "")
     corner = number((ROUNDING * point.voltage) ** 2)
     currents = []
     for latch, sign in zip(latches, ("", "-"), strict=True):
@@ -104,12 +104,20 @@ def _write_extraction(deck: Deck, shunt: SelfPoweredSECE, point: OperatingPoint)
     deck.add(f"Cpath pulsex 0 {number(LEAVE * shunt.nominal_flip_time(point.capacitance))} IC=0")
     deck.add(f"Bside side 0 V=max(-1, min(1, 4*(V({high})-V({low}))))")
     loaded = LoadedCoil(coil, impedance, 2 * LEAVE * shunt.nominal_flip_time(point.capacitance) / PULSE_STEEPNESS)
-    voltage = f"V(side)*V(p)-{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}"
+    voltage = f"V(side)*V(p)-({_drop_of_path(deck, shunt)})"
     power = write_coil_to_load(deck, point, loaded, voltage, shunt.efficiency)
     deck.add("Bdraw p 0 I=V(side)*I(Vcoil)")
     if shunt.consumption:
         power = f"{power} - {number(shunt.consumption)}"
     return NetlistCircuit(power, fastest=0.5 * shunt.nominal_flip_time(point.capacitance))
+
+
+def _drop_of_path(deck: Deck, shunt: ElectronicBreaker) -> str:
+    """Expression of the forward voltage of a breaker's path."""
+    diode = deck.parameter("diode_drop", shunt.diode_drop)
+    if shunt.breaker_drop is None:
+        return f"{shunt.path_diodes}*{diode}"
+    return f"{deck.parameter('breaker_drop', shunt.breaker_drop)}+{shunt.path_diodes - 1}*{diode}"
 
 
 def _write_latches(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) -> list[str]:

@@ -78,6 +78,22 @@ def test_parallel(share):
     assert steady(behind(SelfPoweredSSHI, dc)).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
+def test_a_breaker_has_a_drop_of_its_own():
+    """The swing is about it; what detects and rectifies keeps that of a diode."""
+    dc, own = 0.8 * V_OC, 3 * DROP
+    held = dc + 2 * DROP
+    left = after_flip(held - THRESHOLD - DROP, own)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - held - left)
+    found = steady(SelfPoweredSSHI(**KEYS, dc_voltage=dc, breaker_drop=own))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+    assert found.least_switching_voltage == pytest.approx(THRESHOLD + 4 * DROP)
+    level = 0.2 * V_OC + 2 * DROP + own
+    fires = (2 * V_OC * COS - level * (1 + INVERTED)) / (1 - INVERTED)
+    wanted = 2 * FREQUENCY * 0.2 * V_OC * CAPACITANCE * (fires - after_flip(fires, level))
+    found = steady(SelfPoweredSeriesSSHI(**KEYS, dc_voltage=0.2 * V_OC, breaker_drop=own))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_series(share):
     dc = share * V_OC
@@ -153,6 +169,7 @@ def test_consumption_is_taken_from_the_harvest(kind):
 def test_breakers_charge_a_store(kind):
     """From an empty store to the supply that it feeds."""
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    keys["breaker_drop"] = 0.5 if core else None
     storage = Storage(turn_on=2.0, turn_off=1.0, power=1e-3)
     system = System(Transducer(**BENCH), kind(**keys, smoothing_capacitance=1e-6, storage=storage))
     found = simulate(system, SineForce(amplitude=0.02, frequency=50.6), transient=0.6, attenuation=False)

@@ -97,6 +97,10 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     envelope_capacitance: float = quantity("F", "capacitance of the envelope detector", above=0)
     threshold: float = quantity("V", "voltage drop from the peak at which the breaker closes", at_least=0)
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    breaker_drop: float | None = quantity(
+        "V", "forward voltage of the diode and transistor of a breaker; default: that of one diode", default=None,
+        at_least=0,
+    )  # fmt: skip
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
 
     def inversion(self, capacitance: float) -> Any:
@@ -105,7 +109,13 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     @property
     def least_voltage(self) -> Any:
         """Open-circuit voltage amplitude above which a breaker passes a current, V; any store being empty."""
-        return self.threshold + (1 + self.path_diodes) * self.diode_drop
+        return self.threshold + self.diode_drop + self.drop_of_path
+
+    @property
+    def drop_of_path(self) -> Any:
+        """Forward voltage of all that is in the path of a breaker, V."""
+        own = self.diode_drop if self.breaker_drop is None else self.breaker_drop
+        return own + (self.path_diodes - 1) * self.diode_drop
 
     def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
         return {"least_switching_voltage": float(self.least_voltage)}
@@ -132,7 +142,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
 
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage that drives the current of the breaker of this sign."""
-        return sign * port.v - self.path_diodes * self.diode_drop * port.one
+        return sign * port.v - self.drop_of_path * port.one
 
     def line(self, sign: int) -> Any:
         """Resistance in the path of the breaker of this sign, in addition to that of the loop, ohm."""
@@ -161,9 +171,9 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         sign = breakers.sign
         drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
         losses = coil.losses(sign != 0, drive, port, z, self.line(sign))
-        if sign and np.any(self.diode_drop):
+        if sign and np.any(self.drop_of_path):
             current = self.path_current(breakers, port, z)
-            losses.append(Product(sign * self.path_diodes * self.diode_drop, port.one, current))
+            losses.append(Product(sign * self.drop_of_path, port.one, current))
         if breakers.charging and np.any(self.diode_drop):
             direction = 1.0 if breakers.envelope == "rise" else -1.0
             losses.append(Product(direction * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
