@@ -169,7 +169,6 @@ def test_consumption_is_taken_from_the_harvest(kind):
 def test_breakers_charge_a_store(kind):
     """From an empty store to the supply that it feeds."""
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
-    keys["breaker_drop"] = 0.5 if core else None
     storage = Storage(turn_on=2.0, turn_off=1.0, power=1e-3)
     system = System(Transducer(**BENCH), kind(**keys, smoothing_capacitance=1e-6, storage=storage))
     found = simulate(system, SineForce(amplitude=0.02, frequency=50.6), transient=0.6, attenuation=False)
@@ -238,6 +237,7 @@ def test_a_core_takes_its_share_of_what_is_extracted():
 @pytest.mark.parametrize("kind", KINDS)
 def test_against_ngspice(kind, core):
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    keys["breaker_drop"] = 0.5 if core else None
     dc = {SelfPoweredSSHI: {"dc_voltage": 5.0}, SelfPoweredSeriesSSHI: {"dc_voltage": 3.0}}.get(kind, {})
     system = System(Transducer(**BENCH), kind(**keys, **dc, core_resistance=core))
     figures, trusted = compare(system, SineForce(amplitude=0.02, frequency=50.6))
