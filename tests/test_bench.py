@@ -102,6 +102,7 @@ class TestAlternatives:
             from piezoharvest import simulate
 
             assert simulate(*studies.sshi(stops=stops).objects()).events_per_period == events
+        assert simulate(*studies.sshc().objects()).events_per_period == 24
 
 
 @pytest.mark.slow
@@ -110,8 +111,8 @@ class TestResults:
         write(results, tmp_path)
         found = json.loads((tmp_path / "speed.json").read_text())
         assert set(found) == {
-            "machine", "sshi", "sshi_stops", "record", "campaign", "scaling", "steady", "gradient", "sweep", "startup",
-            "goals",
+            "machine", "sshi", "sshi_stops", "sshc", "record", "campaign", "scaling", "steady", "gradient", "sweep",
+            "startup", "goals",
         }  # fmt: skip
         for key in ("sshi", "sshi_stops", "record"):
             names = {row["alternative"] for row in found[key]["rows"]}

@@ -221,7 +221,8 @@ def check_shunt(shunt: Shunt, where: str) -> None:
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, for which the virtual bench has no circuit"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
-    real = any(getattr(shunt, key, None) is not None for key in ("core_resistance", "self_resonance"))
+    parts = ("core_resistance", "self_resonance", "second_core_resistance", "second_self_resonance")
+    real = any(getattr(shunt, key, None) is not None for key in parts)
     if real or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
         raise ParameterError(
             where, "found a coil with losses or a self-resonance, but the virtual bench has only ideal ones"

@@ -17,6 +17,7 @@ MARGIN = 1e-3  # tuning keeps this relative distance from a limit, so that round
 PENALTY = 100.0  # merit per e-fold beyond a limit: far above any trade between the logarithms of these figures
 _TOLERANCE = 1e-6
 SMALLEST_FIGURE = 1e-30  # W or m, in place of zero under a logarithm
+COILS = ("inductor", "coil", "second")  # names of states that are the current of a coil, beside "current..."
 
 
 class DesignFigures(NamedTuple):
@@ -140,9 +141,10 @@ class Goal:
 
 
 def largest_inductance(shunt: Shunt, capacitance: float) -> float:
-    """Largest inductance of a circuit and its others in H: the storage of their current states; 0 without any."""
+    """Largest inductance of a circuit and its others in H: the storage of their states of coils; 0 without any."""
     states = [state for each in (shunt, *shunt.others) for state in each.states(capacitance)]
-    return max((float(s.storage) for s in states if s.name.startswith("current")), default=0.0)
+    coils = [s for s in states if s.name.startswith("current") or s.name in COILS]
+    return max((float(s.storage) for s in coils), default=0.0)
 
 
 def _log(value: float) -> float:

@@ -12,7 +12,8 @@ from piezoharvest.spice.bridges import BRIDGE, write_bridge, write_dc_side
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.stages import LoadedCoil, write_coil_to_load
-from piezoharvest.spice.switching import CORE_STRAY
+from piezoharvest.spice.switching import CORE_STRAY, write_winding
+from piezoharvest.spice.switching import STEEPNESS as PULSE_STEEPNESS
 
 # Resistance of a closed breaker relative to sqrt(L/C), which is left out of the coil's, and that beside the coil, which
 # takes what an edge leaves in it.
@@ -51,22 +52,21 @@ def write_breakers(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) 
 
 def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_line: bool) -> tuple[str, str]:
     """Coil and both breakers; return the currents of these in the direction of their diodes."""
-    inductance, resistance = shunt.loop(point.capacitance)
-    impedance = math.sqrt(inductance / point.capacitance)
+    impedance = math.sqrt(shunt.loop(point.capacitance)[0] / point.capacitance)
     least = CLOSED * impedance
-    low, high = number(math.log(OPEN)), number(math.log(1 / CLOSED))
+    if shunt.self_resonance is not None:
+        least = min(least, 0.1 * float(shunt.real_coil(point.capacitance).contact))
+    low, high = number(math.log(OPEN)), number(math.log(impedance / least))
     latches = _write_latches(deck, shunt, point)
     deck.section("coil, and the paths of both breakers")
-    deck.add("Lloop p l", inductance, point.condition("current"))
-    deck.add("Rsnubber p l", SNUBBER * impedance)
-    if shunt.core_resistance is not None:
-        deck.add("Rcore p l", shunt.core_resistance)
-        deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
-        deck.add("Cstray p l", CORE_STRAY * point.capacitance, "IC=0")
-    # What the snubber takes while a breaker is closed is left out of the coil's resistance, as in `write_coil`.
     extra = float(getattr(shunt, "path_resistance", 0.0)) if in_line else 0.0
-    deck.add("Rloop l k", extra + resistance - least - 2 * impedance / SNUBBER)
-    drop = f"{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}" + ("+V(dc)" if in_line else "")
+    if shunt.self_resonance is None:
+        _write_plain_coil(deck, shunt, point, extra - least)
+    else:
+        coil = shunt.real_coil(point.capacitance)
+        write_winding(deck, coil, point)
+        deck.add("Rclosed l k", coil.contact + extra - least)
+    drop = _drop_of_path(deck, shunt) + ("+V(dc)" if in_line else "")
     corner = number((ROUNDING * point.voltage) ** 2)
     currents = []
     for latch, sign in zip(latches, ("", "-"), strict=True):
@@ -77,10 +77,24 @@ def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_
     return currents[0], currents[1]
 
 
+def _write_plain_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, extra: float) -> None:
+    """Coil without a winding's capacitance from `p` to `k`, with a further resistance in series."""
+    inductance, resistance = shunt.loop(point.capacitance)
+    impedance = math.sqrt(inductance / point.capacitance)
+    deck.add("Lloop p l", inductance, point.condition("current"))
+    deck.add("Rsnubber p l", SNUBBER * impedance)
+    if shunt.core_resistance is not None:
+        deck.add("Rcore p l", shunt.core_resistance)
+        deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
+        deck.add("Cstray p l", CORE_STRAY * point.capacitance, "IC=0")
+    # What the snubber takes while a breaker is closed is left out of the coil's resistance, as in `write_coil`.
+    deck.add("Rloop l k", extra + resistance - 2 * impedance / SNUBBER)
+
+
 def _write_extraction(deck: Deck, shunt: SelfPoweredSECE, point: OperatingPoint) -> NetlistCircuit:
     """Breakers in front of a coil that gives its energy to the load where the electrodes are empty."""
-    inductance, resistance = (float(part) for part in shunt.loop(point.capacitance))
-    impedance = math.sqrt(inductance / point.capacitance)
+    coil = shunt.real_coil(point.capacitance)
+    impedance = math.sqrt(coil.inductance / point.capacitance)
     high, low = _write_latches(deck, shunt, point)
     deck.comment("The path of a breaker is open again where the voltage that it found has fallen to zero.")
     width = number((EMPTIED * point.voltage) ** 2)
@@ -89,13 +103,21 @@ def _write_extraction(deck: Deck, shunt: SelfPoweredSECE, point: OperatingPoint)
     deck.add("Rpath path pulsex 1")
     deck.add(f"Cpath pulsex 0 {number(LEAVE * shunt.nominal_flip_time(point.capacitance))} IC=0")
     deck.add(f"Bside side 0 V=max(-1, min(1, 4*(V({high})-V({low}))))")
-    coil = LoadedCoil(inductance, resistance, impedance, abs(point.initial("current")), shunt.core_resistance)
-    voltage = f"V(side)*V(p)-{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}"
-    power = write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
+    loaded = LoadedCoil(coil, impedance, 2 * LEAVE * shunt.nominal_flip_time(point.capacitance) / PULSE_STEEPNESS)
+    voltage = f"V(side)*V(p)-({_drop_of_path(deck, shunt)})"
+    power = write_coil_to_load(deck, point, loaded, voltage, shunt.efficiency)
     deck.add("Bdraw p 0 I=V(side)*I(Vcoil)")
     if shunt.consumption:
         power = f"{power} - {number(shunt.consumption)}"
     return NetlistCircuit(power, fastest=0.5 * shunt.nominal_flip_time(point.capacitance))
+
+
+def _drop_of_path(deck: Deck, shunt: ElectronicBreaker) -> str:
+    """Expression of the forward voltage of a breaker's path."""
+    diode = deck.parameter("diode_drop", shunt.diode_drop)
+    if shunt.breaker_drop is None:
+        return f"{shunt.path_diodes}*{diode}"
+    return f"{deck.parameter('breaker_drop', shunt.breaker_drop)}+{shunt.path_diodes - 1}*{diode}"
 
 
 def _write_latches(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) -> list[str]:

@@ -16,6 +16,7 @@ from piezoharvest.description.shunts.harvesting.sc_sece import SCSECE
 from piezoharvest.description.shunts.harvesting.sece import SECE
 from piezoharvest.description.shunts.harvesting.sice import SICE
 from piezoharvest.description.shunts.harvesting.sshc import SSHC
+from piezoharvest.description.shunts.real_coil import RealCoil
 from piezoharvest.spice.bridges import write_bridge
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -26,6 +27,7 @@ from piezoharvest.spice.switching import (
     IDEAL,
     STEEPNESS,
     Timing,
+    critical_of_winding,
     write_coil,
     write_conductance,
     write_discharge,
@@ -159,10 +161,8 @@ def write_essh(deck: Deck, shunt: ESSH, point: OperatingPoint) -> NetlistCircuit
     fastest = min(swing, transfer / 4)
     timing = _write_first_stage(deck, shunt, point, switch, swing, fastest)
     impedance = math.sqrt(shunt.second_inductance / shunt.intermediate_capacitance)
-    coil = LoadedCoil(
-        float(shunt.second_inductance), float(shunt.second_resistance()), impedance, point.initial("second")
-    )
-    timing.pulse("x", swing + _early(coil, fastest), swing + transfer)
+    coil = LoadedCoil(shunt.second_coil(), impedance, 2 * EDGE * fastest / STEEPNESS)
+    timing.pulse("x", swing + coil.early, swing + transfer)
     power = write_coil_to_load(deck, point, coil, "V(between)", shunt.efficiency)
     deck.add("Bdraw between 0 I=I(Vcoil)")
     return NetlistCircuit(power, "V(between)", fastest=fastest)
@@ -180,7 +180,8 @@ def _write_first_stage(
     deck.add("Vbridge b opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
     # Beside a core or a winding hardly anything keeps the current from changing at once: its sign changes less steeply.
-    rounding = 1e-8 if shunt.ended else 1e-6 if shunt.self_resonance is None else 1e-5
+    ideal = shunt.core_resistance is None and shunt.self_resonance is None
+    rounding = 1e-8 if ideal else 1e-6 if shunt.self_resonance is None else 1e-5
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(rounding)})")
     drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
     lost = f"2*{resistance}*{number(current)}*V(through)"
@@ -199,11 +200,10 @@ def _write_extraction(
     The switch is closed for `on_time` (s) from the action on; the coil has a pulse of its own, "x", of which `pulse`
     may be a part.
     """
-    capacitance = point.capacitance
-    inductance, resistance = (float(part) for part in shunt.coil(capacitance))
-    impedance, begins = math.sqrt(inductance / capacitance), abs(point.initial("coil"))
-    coil = LoadedCoil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins, shunt.core_resistance)
-    timing.pulse("x", _early(coil, on_time), on_time)
+    real = shunt.coil(point.capacitance)
+    impedance = math.sqrt(real.inductance / point.capacitance)
+    coil = LoadedCoil(real, impedance, 2 * EDGE * on_time / STEEPNESS, 2 * shunt.diode_resistance)
+    timing.pulse("x", coil.early, on_time)
     # The voltage is negative after a maximum, at which the pulse is 1.
     side = f"max(-1, min(1, 4*{pulse}))"
     voltage = f"-{side}*V(p)-2*{deck.parameter('diode_drop', shunt.diode_drop)}"
@@ -214,45 +214,79 @@ def _write_extraction(
 
 
 class LoadedCoil(NamedTuple):
-    """Coil whose energy goes to the load when its switch opens: SI values, and sqrt(L/C) of its swing.
+    """Coil whose energy goes to the load when its switch opens.
 
-    The resistance beside it that is its `core` takes nothing of what goes to the load.
+    Attributes
+    ----------
+    coil : RealCoil
+    impedance : float
+        sqrt(L/C) of its swing, ohm.
+    change : float
+        Time (s) in which the conductance of its switch changes by a factor e.
+    line : float
+        Resistance of diodes in series, ohm.
     """
 
-    inductance: float
-    resistance: float
+    coil: RealCoil
     impedance: float
-    begins: float
-    core: float | None = None
+    change: float
+    line: float = 0.0
+
+    @property
+    def critical(self) -> float:
+        """Conductance (S) of the switch at which the current goes over to the load, or to the winding."""
+        if self.coil.stray is None:
+            return 1 / (LOAD * self.impedance)
+        return critical_of_winding(float(self.coil.stray), self.change)
+
+    @property
+    def early(self) -> float:
+        """Time (s) by which the pulse of the coil is late.
+
+        A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a
+        factor e; the current goes over to the load only where it resists as much as that. A winding has both in one.
+        """
+        if self.coil.stray is not None:
+            return 0.0
+        ratio = float(self.coil.inductance) / self.change * self.critical
+        return self.change * math.log(math.exp(-np.euler_gamma) * ratio)
 
 
-def _early(coil: LoadedCoil, on_time: float) -> float:
-    """Time (s) by which the pulse of the coil is late, `on_time` being that of the shortest pulse.
-
-    A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a
-    factor e; the current goes over to the load only where it resists as much as that.
-    """
-    change = 2 * EDGE * on_time / STEEPNESS
-    return change * math.log(math.exp(-np.euler_gamma) * coil.inductance / change / (LOAD * coil.impedance))
-
-
-def write_coil_to_load(deck: Deck, point: OperatingPoint, coil: LoadedCoil, voltage: str, efficiency: float) -> str:
+def write_coil_to_load(deck: Deck, point: OperatingPoint, loaded: LoadedCoil, voltage: str, efficiency: float) -> str:
     """Coil at a voltage while the pulse "x" is there, then at the load; return an expression of the harvested power."""
-    impedance = coil.impedance
+    impedance = loaded.impedance
     deck.section("extraction: Bload takes the energy of the coil when the switch opens")
-    conductance = write_conductance(deck, "x", 1 / (LOAD * impedance), IDEAL / impedance, OPEN / impedance)
+    conductance = write_conductance(deck, "x", loaded.critical, IDEAL / impedance, OPEN / impedance)
     deck.add(f"Brect rect 0 V={voltage}")
-    deck.add("Lcoil rect lx", coil.inductance, f"IC={number(coil.begins)}")
-    deck.add("Rcoil lx kx", coil.resistance)
-    deck.add("Rdamp rect lx", 10 * IDEAL * impedance)
-    if coil.core is not None:
-        core = deck.parameter("resistance_core", coil.core)
-        deck.add(f"Bcore rect lx I=(V(rect)-V(lx))/{core}/(1+exp(-V(switchx)))")
+    end = _write_parts(deck, point, loaded)
     deck.add("Vcoil kx mx 0")
     # A diode: it conducts forward only.
     forward = f"0.5*(V(mx)+sqrt(V(mx)*V(mx)+{number((1e-6 * point.voltage) ** 2)}))"
     deck.add(f"Bcontactx mx 0 I={forward}*{conductance}")
-    across = "min(0, V(rect)-V(lx))"
+    across = f"min(0, V(rect)-V({end}))"
     taken = f"{across}/{number(LOAD * impedance)}/(1+exp(V(switchx)))"
-    deck.add(f"Bload rect lx I={taken}")
+    deck.add(f"Bload rect {end} I={taken}")
     return f"{number(efficiency)}*{across}*{taken}" if efficiency else "0"
+
+
+def _write_parts(deck: Deck, point: OperatingPoint, loaded: LoadedCoil) -> str:
+    """The coil from `rect` to `kx`; return the node between which and `rect` the inductance is, and the load.
+
+    Core and winding take nothing of what the load gets, as in the engine, where that happens at once.
+    """
+    coil = loaded.coil
+    current, across = point.initial(coil.names[0]), point.initial(coil.names[1]) if coil.stray is not None else 0.0
+    end = "lx" if coil.stray is None else "wx"
+    deck.add(f"Lcoil rect {end}", coil.inductance, f"IC={number(abs(current))}")
+    if coil.stray is None:
+        deck.add("Rcoil lx kx", coil.resistance + loaded.line)
+    else:
+        deck.add("Rwindingx wx lx", coil.resistance)
+        begins = across if current >= 0 else -across
+        deck.add("Cwindingx rect lx", coil.stray, f"IC={number(begins)}")
+        deck.add("Rclosedx lx kx", coil.contact + loaded.line)
+    deck.add(f"Rdamp rect {end}", 10 * IDEAL * loaded.impedance)
+    if coil.core is not None:
+        core = deck.parameter("resistance_core", coil.core)
+        deck.add(f"Bcore rect {end} I=(V(rect)-V({end}))/{core}/(1+exp(-V(switchx)))")
+    return end

@@ -11,8 +11,8 @@ from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.damping.ssds import SSDS
-from piezoharvest.description.shunts.real_coil import CoredSwitch, WoundSwitch
-from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
+from piezoharvest.description.shunts.real_coil import RealCoil, WoundCoil, WoundSwitch
+from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -160,7 +160,7 @@ class LoopOfNetlist(NamedTuple):
     impedance: float
 
 
-def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str) -> LoopOfNetlist:
+def write_loop(deck: Deck, shunt: WoundSwitch | SSDS, point: OperatingPoint, end: str) -> LoopOfNetlist:
     """Inductor, its resistance and switch from `p` to the node `end`."""
     capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
@@ -168,9 +168,9 @@ def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     return LoopOfNetlist(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
 
 
-def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float) -> float:
+def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on_time: float) -> float:
     """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
-    if isinstance(shunt, WoundSwitch) and shunt.self_resonance is not None:
+    if shunt.self_resonance is not None:
         return _write_wound_coil(deck, shunt, point, end, on_time)
     capacitance = point.capacitance
     inductance, resistance = shunt.loop(capacitance)
@@ -183,12 +183,12 @@ def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     deck.add("Lloop p l", inductance, point.condition("current"))
     ideal = impedance * max(IDEAL, 100 * impedance / float(resistance))
     deck.add("Rsnubber p l", ideal)
-    core = getattr(shunt, "core_resistance", None)
+    core = shunt.core_resistance
     if core is not None:
         deck.add("Rcore p l", core)
         deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
         deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
-    curve = shunt.switch_curve if isinstance(shunt, CoredSwitch) else None
+    curve = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
     deck.add(f"Rloop l {'c' if curve else 'k'}", resistance - 2 * impedance**2 / ideal)
     if curve:
         deck.comment("What the closed switch takes beside the resistance of the loop, over its current.")
@@ -221,25 +221,35 @@ def changes_of(slopes: list[float]) -> list[float]:
     return np.diff(slopes, prepend=0.0).tolist()
 
 
-def _write_wound_coil(deck: Deck, shunt: WoundSwitch, point: OperatingPoint, end: str, on_time: float) -> float:
+def _write_wound_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on_time: float) -> float:
     """The same with the capacitance of the winding, between which and the electrodes the switch is."""
-    capacitance = point.capacitance
-    inductance = float(shunt.loop(capacitance)[0])
-    impedance = math.sqrt(inductance / capacitance)
+    coil, stray = shunt.real_coil(point.capacitance), float(shunt.stray_capacitance(point.capacitance))
+    resistance, impedance = float(coil.contact), math.sqrt(float(coil.inductance) / point.capacitance)
     deck.section("switched inductor with the capacitance of its winding, which the current goes on to when it opens")
-    deck.add("Lloop p w", inductance, point.condition("inductor"))
-    if shunt.core_resistance is not None:
-        deck.add("Rcore p w", shunt.core_resistance)
-    deck.add("Rwinding w l", shunt.winding_resistance(capacitance))
-    stray = float(shunt.stray_capacitance(capacitance))
-    deck.add("Cwinding p l", stray, point.condition("winding"))
-    contact = CONTACT * float(shunt.contact_resistance)
-    deck.add("Rclosed l k", (1 - CONTACT) * shunt.contact_resistance)
-    # A capacitance behind a conductance kappa C/time * exp(-t/time) keeps the voltage as if it was cut off at
-    # t = (ln kappa + Euler's gamma) time: with the same kappa as for an inductance this is t = 0.
-    critical = math.exp(-np.euler_gamma) * stray * STEEPNESS / (2 * EDGE * on_time)
+    write_winding(deck, coil, point)
+    contact = CONTACT * resistance
+    deck.add("Rclosed l k", (1 - CONTACT) * resistance)
+    critical = critical_of_winding(stray, 2 * EDGE * on_time / STEEPNESS)
     write_switch(deck, ("k", end), min(critical, 0.1 / contact), 1 / contact, OPEN / impedance)
     return impedance
+
+
+def write_winding(deck: Deck, coil: RealCoil, point: OperatingPoint) -> None:
+    """Inductance, core, winding and its capacitance between `p` and `l`."""
+    deck.add("Lloop p w", coil.inductance, point.condition("inductor"))
+    if coil.core is not None:
+        deck.add("Rcore p w", coil.core)
+    deck.add("Rwinding w l", coil.resistance)
+    deck.add("Cwinding p l", coil.stray, point.condition("winding"))
+
+
+def critical_of_winding(stray: float, change: float) -> float:
+    """Conductance (S) at which a winding is cut off by a switch that changes by a factor e in `change` (s).
+
+    A capacitance behind a conductance kappa C/change * exp(-t/change) keeps the voltage as if it was cut off at
+    t = (ln kappa + Euler's gamma) change: with kappa = exp(-gamma) this is t = 0, as for an inductance.
+    """
+    return math.exp(-np.euler_gamma) * stray / change
 
 
 def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint) -> NetlistCircuit:

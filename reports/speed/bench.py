@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,13 +28,16 @@ class Extent:
     fresh: bool = True
 
 
-def measure(extent: Extent, say: Callable[[str], None] = lambda text: None) -> dict:
-    """Run every measurement, one after the other."""
+def measure(
+    extent: Extent, say: Callable[[str], None] = lambda text: None, kept: dict | None = None, only: tuple[str, ...] = ()
+) -> dict:
+    """Run every measurement, one after the other; with `only` these parts, the others being those of a `kept` run."""
     plain, stops = studies.sshi(), studies.sshi(stops=True)
     parts: dict[str, Callable[[], object]] = {
         "machine": machine,
         "sshi": lambda: transient.periodic(plain, extent.runs),
         "sshi_stops": lambda: transient.periodic(stops, extent.runs),
+        "sshc": lambda: transient.alone(studies.sshc(), extent.runs),
         "record": lambda: transient.recorded(extent.runs),
         "campaign": lambda: campaign.measure(extent.runs),
         "scaling": lambda: transient.scaling(plain, extent.runs),
@@ -44,6 +48,9 @@ def measure(extent: Extent, say: Callable[[str], None] = lambda text: None) -> d
     }
     results = {}
     for name, work in parts.items():
+        if only and name not in only:
+            results[name] = (kept or {})[name]
+            continue
         results[name], seconds = once(work)
         say(f"{name}: {seconds:.1f} s")
     results["goals"] = [{**goal._asdict(), "met": goal.met} for goal in goals(results)]
@@ -59,8 +66,10 @@ def write(results: dict, folder: Path) -> None:
 
 
 def main() -> None:
-    """Measure, write, and say which promises are not kept."""
-    results = measure(Extent(), lambda text: print(text, flush=True))
+    """Measure all parts, or those that are named beside what is kept; write, and say which promises are not kept."""
+    only = tuple(sys.argv[1:])
+    kept = json.loads((HERE / "speed.json").read_text(encoding="utf-8")) if only else None
+    results = measure(Extent(), lambda text: print(text, flush=True), kept, only)
     write(results, HERE)
     pages.refresh(HERE.parents[1] / "docs" / "validation.md", results)
     for goal in goals(results):

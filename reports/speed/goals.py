@@ -43,7 +43,7 @@ def exponent(sizes: list[float], seconds: list[float]) -> float:
 
 
 def _runs(results: dict) -> list[Goal]:
-    plain, stops, record = (results[name] for name in ("sshi", "sshi_stops", "record"))
+    plain, stops, record, flips = (results[name] for name in ("sshi", "sshi_stops", "record", "sshc"))
     scaling = results["scaling"]
     slope = exponent([row["periods"] for row in scaling], [row["seconds"] for row in scaling])
     *usual, dense = results["campaign"]  # the last one is a multisine whose events are dense
@@ -55,6 +55,7 @@ def _runs(results: dict) -> list[Goal]:
         Goal("its state error against DOP853", 1e-9, "", True, own(plain)["error"]),
         Goal("with three P-I operators, a period", 10e-6, "s", True, own(stops)["seconds"]),
         Goal("its state error against DOP853", 1e-9, "", True, own(stops)["error"]),
+        Goal(f"transient, {flips['title']}, a period", 5e-6, "s", True, flips["seconds"], _events(flips)),
         Goal("exponent of time against periods", 1.05, "", True, slope, "1 is linear"),
         Goal("record of 10 s at 1 kHz, three P-I operators, at most", 1e-3, "s", True, slowest, "steps, sines, tones"),
         Goal("its state error against DOP853", 1e-9, "", True, worst, "each of them"),
@@ -62,6 +63,10 @@ def _runs(results: dict) -> list[Goal]:
         Goal("the same of noise, 5-80 Hz", 1e-3, "s", True, whole, f"{record['events']:,} events"),
         Goal("its state error against DOP853", 1e-9, "", True, own(record)["error"]),
     ]
+
+
+def _events(section: dict) -> str:
+    return f"{section['events']:.3g} events, {section['date']}"
 
 
 def _steady(rows: list[dict]) -> list[Goal]:

@@ -53,6 +53,16 @@ def sshi(smoothing_capacitance: float = SSHI["smoothing_capacitance"], stops: bo
     return Case(name, title, {"transducer": transducer, "excitation": DRIVE, "shunts": [shunt]})
 
 
+def sshc(capacitors: int = 4) -> Case:
+    """Bridge and switched capacitors as large as the electrodes' one: each period closes eighteen stages of four."""
+    shunt = {
+        "kind": "sshc", "flip_capacitances": [TRANSDUCER["capacitance"]] * capacitors, "switch_resistance": 100.0,
+        **{key: SSHI[key] for key in ("smoothing_capacitance", "load_resistance")},
+    }  # fmt: skip
+    title = f"SSHC with {capacitors} capacitors"
+    return Case("sshc", title, {"transducer": TRANSDUCER, "excitation": DRIVE, "shunts": [shunt]})
+
+
 def record(folder: Path, samples: int) -> Case:
     """A measured force: `samples` at 1 kHz of noise within 5-80 Hz, strong enough for all three operators to slip."""
     spectrum = np.zeros(samples // 2 + 1, complex)

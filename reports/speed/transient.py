@@ -15,7 +15,7 @@ from reports.speed.equations import Loaded
 from reports.speed.exact_numpy import Stepper
 from reports.speed.sshi import SSHI
 from reports.speed.studies import PERIOD, SAMPLE_RATE, Case
-from reports.speed.timing import once
+from reports.speed.timing import machine, once
 
 DEPTHS = (6, 10, 14, 18, 24, 30, 36)
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-11)
@@ -87,6 +87,17 @@ def recorded(sizes: Sizes) -> dict:
         **_heading(case, truth), "unit": "sample", "samples": sizes.samples, "events": events,
         "compared_samples": sizes.compared_samples, "least_seconds": seconds.least, "set_up_seconds": set_up,
         "ngspice": note, "rows": _plain([*rows, *found]),
+    }  # fmt: skip
+
+
+def alone(case: Case, sizes: Sizes) -> dict:
+    """The engine by itself on a periodic study, without alternatives to compare it with."""
+    periods = sizes.timed_periods // 5
+    seconds, set_up = engine.time_run(case, periods * PERIOD, sizes.repeats, 1 / periods)
+    events = engine.events(case, periods * PERIOD) / periods
+    return {
+        "case": case.name, "title": case.title, "seconds": seconds.median, "least_seconds": seconds.least,
+        "set_up_seconds": set_up, "events": events, "date": machine()["date"],
     }  # fmt: skip
 
 

@@ -108,13 +108,23 @@ VARIANTS = {
         {**ESR, **LEAKING, "diode_drop": 0.2},
     ],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
-    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, "core_resistance": 3e3, **LEAKING}],
+    "self_powered_sshi": [
+        {"diode_drop": 0.05, "diode_resistance": 3e3, "core_resistance": 3e3, **LEAKING},
+        {"diode_drop": 0.05, **WOUND},
+    ],
     "self_powered_series_sshi": [
         {**ESR, "diode_drop": 0.05},
+        {"dc_voltage": 0.3, "diode_drop": 0.05, "diode_resistance": 50.0, **WOUND},
         {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0, "core_resistance": 3e3},
     ],
-    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7, "core_resistance": 3e3}],
-    "self_powered_ssdi": [{"diode_drop": 0.05, "core_resistance": 3e3}],
+    "self_powered_sece": [
+        {"diode_drop": 0.05, "efficiency": 0.7, "core_resistance": 3e3},
+        {"diode_drop": 0.05, **WOUND},
+    ],
+    "self_powered_ssdi": [
+        {"diode_drop": 0.05, "core_resistance": 3e3},
+        {"diode_drop": 0.05, "core_resistance": 3e3, **WOUND},
+    ],
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
@@ -137,22 +147,37 @@ VARIANTS = {
     "sice": [
         {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1},
         {"phase_lag": -0.2, "efficiency": 0.7, "core_resistance": 3e3},
+        {"on_time_error": 0.4, "diode_drop": 0.1, **WOUND},
     ],
-    "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0, "core_resistance": 3e3}],
+    "sc_sece": [
+        {"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0, "core_resistance": 3e3},
+        {"phase_lag": -0.2, "short_time": 3e-3, "on_time_error": 1.4, "core_resistance": 3e3, **WOUND},
+    ],
     "dssh": [
         {"phase_lag": 0.2, "on_time_error": -0.5},
         {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7, "core_resistance": 3e3},
         {"on_time_error": 0.3, **WOUND},
+    ],
+    "essh": [
+        {
+            "second_core_resistance": 3e3,
+            "second_switch_resistance": 30.0,
+            "second_self_resonance": 4e4,
+            "core_resistance": 3e3,
+            **WOUND,
+        }
     ],
     "sece": [
         {"efficiency": 0.7, "phase_lag": -0.2, "gate_energy": 1e-9},
         {"diode_drop": 0.3},
         {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2, "core_resistance": 3e3},
+        {**COIL, "on_time_error": 1.4, "diode_drop": 0.05, **WOUND},
     ],
     "ssds": [
         {"phase_lag": 0.2, "detector_threshold": 1.0},
         {**COIL, "phase_lag": 0.2, "on_time_error": 0.1, "core_resistance": 3e3},
+        {**COIL, "on_time_error": -0.2, **WOUND},
     ],
     "ssdi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3},

@@ -117,8 +117,9 @@ def test_second_half_of_the_period_mirrors_the_first(shunt, device):
 
 
 def samples_of(shunt):
-    """Samples a period: more where a current jumps, which a coil's does when it is cut at its largest."""
-    return 200000 if getattr(shunt, "efficiency", None) and hasattr(shunt, "on_time_error") else 20000
+    """Samples a period: more where a current jumps, as a coil's that is cut and that which charges a winding."""
+    cut = getattr(shunt, "efficiency", None) and hasattr(shunt, "on_time_error")
+    return 200000 if cut or getattr(shunt, "self_resonance", None) else 20000
 
 
 def is_switched(shunt):

@@ -45,7 +45,7 @@ def test_a_circuit_of_bought_parts():
     coil = parts("coil")["SDR0503-103JL"]
     assert (shunt.inductance, shunt.self_resonance) == (10e-3, 1e6)
     assert shunt.quality == pytest.approx(math.sqrt(10e-3 / BENCH["capacitance"]) / coil["winding_resistance"])
-    assert shunt.winding_resistance(BENCH["capacitance"]) == pytest.approx(110.0, rel=1e-12)
+    assert shunt.real_coil(BENCH["capacitance"]).resistance == pytest.approx(110.0, rel=1e-12)
     # Two transistors with opposite body diodes, each with 0.7 nC at 4.5 V.
     assert shunt.switch_resistance == pytest.approx(2 * 1.33)
     assert shunt.gate_energy == pytest.approx(2 * 0.7e-9 * 4.5)
@@ -88,7 +88,7 @@ def test_every_coil_can_be_simulated(name):
         ({"kind": "ssdi", "coil": "SDR0503-103KL"}, "coil"),
         ({"kind": "resistor", "resistance": 1.0, "coil": "SDR0503-103JL"}, "coil"),
         ({"kind": "series_rl", "resistance": 1.0, "coil": "SDR0503-103JL", "inductance": 1.0}, "inductance"),
-        ({"kind": "sece", "switch": "2N7002W"}, "switch"),
+        ({"kind": "rectifier", "switch": "2N7002W", **SIDE}, "switch"),
         ({"kind": "rectifier", "capacitor": 7, "load_resistance": 1.0}, "capacitor"),
         ({"kind": "rectifier", **SIDE, "dc_leakage": 1e-9}, "dc_leakage"),
         ({"kind": "rectifier", **SIDE, "comparator": "MCP6541"}, "comparator"),

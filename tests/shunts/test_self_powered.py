@@ -78,6 +78,22 @@ def test_parallel(share):
     assert steady(behind(SelfPoweredSSHI, dc)).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
+def test_a_breaker_has_a_drop_of_its_own():
+    """The swing is about it; what detects and rectifies keeps that of a diode."""
+    dc, own = 0.8 * V_OC, 3 * DROP
+    held = dc + 2 * DROP
+    left = after_flip(held - THRESHOLD - DROP, own)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - held - left)
+    found = steady(SelfPoweredSSHI(**KEYS, dc_voltage=dc, breaker_drop=own))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+    assert found.least_switching_voltage == pytest.approx(THRESHOLD + 4 * DROP)
+    level = 0.2 * V_OC + 2 * DROP + own
+    fires = (2 * V_OC * COS - level * (1 + INVERTED)) / (1 - INVERTED)
+    wanted = 2 * FREQUENCY * 0.2 * V_OC * CAPACITANCE * (fires - after_flip(fires, level))
+    found = steady(SelfPoweredSeriesSSHI(**KEYS, dc_voltage=0.2 * V_OC, breaker_drop=own))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_series(share):
     dc = share * V_OC
@@ -221,6 +237,7 @@ def test_a_core_takes_its_share_of_what_is_extracted():
 @pytest.mark.parametrize("kind", KINDS)
 def test_against_ngspice(kind, core):
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    keys["breaker_drop"] = 0.5 if core else None
     dc = {SelfPoweredSSHI: {"dc_voltage": 5.0}, SelfPoweredSeriesSSHI: {"dc_voltage": 3.0}}.get(kind, {})
     system = System(Transducer(**BENCH), kind(**keys, **dc, core_resistance=core))
     figures, trusted = compare(system, SineForce(amplitude=0.02, frequency=50.6))

@@ -184,12 +184,13 @@ class ESSH(DSSH):
     second_inductance: float
     second_quality: float
     residual: float
+    second_switch_resistance: float | None = None
 
     def meet(self, capacitance):
         super().meet(capacitance)
         self.storage = (*self.storage, self.second_inductance)
         impedance = math.sqrt(self.second_inductance / self.intermediate_capacitance)
-        self.second_resistance = impedance / self.second_quality
+        self.second_resistance = impedance / self.second_quality + (self.second_switch_resistance or 0.0)
         self.transfer = math.acos(self.residual) * impedance * self.intermediate_capacitance
 
     def stage_times(self):

@@ -1,4 +1,4 @@
-"""Extraction of the electrodes' charge through a bridge and a coil, whose energy goes on to the load when it is cut."""
+"""Extraction of charge through a bridge and a coil, whose energy goes to the load when it is cut off."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import sign_of
+from piezoharvest.description.shunts.real_coil import RealCoil, WoundCoil
+
+BLOCKED = " blocked"  # ending of configurations in which diodes block and the winding rings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Extraction(Shunt):
-    """Parts of a flyback or buck-boost converter behind a bridge; a state "coil" holds the current of its coil.
+class Extraction(WoundCoil):
+    """Coil of a flyback or buck-boost converter behind a bridge.
 
-    While it conducts, L i' + (R + 2 R_d) i = v - sigma 2 V_d, sigma being the sign of the voltage. When the switch
-    opens the current of the coil goes on into the load, at once, with a share `efficiency` of its energy. The loss of
-    its core is a resistance beside L, in which its current goes on where the diodes block before that.
+    While the bridge conducts, L i' + (R + 2 R_d) i = v - sigma 2 V_d, where sigma is the sign of the voltage. When the
+    switch opens, a share `efficiency` of the coil's energy reaches the load, at once: the load's voltage is taken to
+    be small. So is then that of the winding, whose capacitance gives its energy to the inductance first. If the bridge
+    blocks before that, the current of the inductance goes on in core and winding.
     """
 
     efficiency: float = quantity(
@@ -29,60 +32,65 @@ class Extraction(Shunt):
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
     diode_resistance: float = quantity("ohm", "series resistance of one diode", default=0.0, at_least=0)
 
-    core_resistance: float | None = quantity(
-        "ohm", "resistance beside the inductance, the loss of the core; None: no loss", default=None, above=0
-    )
+    def coil(self, capacitance: float) -> RealCoil:
+        """The coil, with states of its own."""
+        return self.real_coil(capacitance)._replace(names=("coil", "coil_winding"))
 
-    def coil(self, capacitance: float) -> tuple[Any, Any]:
-        """Inductance (H) and resistance (ohm) of the coil."""
-        raise NotImplementedError
+    def extraction_states(self, capacitance: float) -> tuple[State, ...]:
+        """States of the coil."""
+        return self.coil(capacitance).states(self.efficiency)
 
-    def coil_state(self, capacitance: float) -> State:
-        """Current of the coil."""
-        return State("coil", self.coil(capacitance)[0], recovered=self.efficiency)
+    def extracting(self, name: str) -> tuple[str, ...]:
+        """Configurations of an extraction: the bridge conducts with one of both signs, or blocks.
 
-    def coil_equation(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
-        """L i' = R_c (current through the bridge - i); without a core its voltage, or nothing while it is blocked."""
-        inductance, core = self.coil(port.capacitance)[0], self.core_resistance
-        if core is not None:
-            return inductance * dz.coil - core * (self.coil_current(configuration, port, z) - z.coil)
-        if not sign_of(configuration):
-            return dz.coil
-        return inductance * dz.coil + self._line(port) * z.coil - self._drive(configuration, port)
+        A winding rings while the bridge blocks, and may make it conduct again, with the sign that it had.
+        """
+        conducting = (f"{name}+", f"{name}-")
+        if self.self_resonance is None:
+            return (name, *conducting)
+        return (*conducting, *(each + BLOCKED for each in conducting))
+
+    def coil_equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
+        """Equations of the coil's states."""
+        drive, connected = self._drive(configuration, port), self._connected(configuration)
+        return self.coil(port.capacitance).equations(connected, drive, port, z, dz, self._line)
 
     def coil_current(self, configuration: str, port: Port, z: SimpleNamespace) -> Row:
-        """Current through the bridge while it conducts: of the coil, and of its core."""
-        if not sign_of(configuration):
-            return 0.0 * port.one
-        core, line = self.core_resistance, self._line(port)
-        return z.coil if core is None else (self._drive(configuration, port) + core * z.coil) / (line + core)
+        """Current through the bridge."""
+        drive, connected = self._drive(configuration, port), self._connected(configuration)
+        return self.coil(port.capacitance).current(connected, drive, port, z, self._line)
 
     def coil_losses(self, configuration: str, port: Port, z: SimpleNamespace) -> list[Product]:
-        """Power in the coil's resistance, in its core and in the diodes."""
+        """Power in the coil and in the diodes."""
+        drive, connected = self._drive(configuration, port), self._connected(configuration)
+        losses = self.coil(port.capacitance).losses(connected, drive, port, z, self._line)
         current = self.coil_current(configuration, port, z)
-        losses: list[Product] = []
-        if self.core_resistance is not None:
-            losses.append(Product(self.core_resistance, current - z.coil, current - z.coil))
-        sign = sign_of(configuration)
-        if not sign:
-            return losses
-        losses.append(Product(self._line(port), current, current))
-        if np.any(self.diode_drop):
-            losses.append(Product(2.0 * self.diode_drop * sign, port.one, current))
+        if connected and np.any(self.diode_resistance):
+            losses.append(Product(self._line, current, current))
+        if connected and np.any(self.diode_drop):
+            losses.append(Product(2.0 * self.diode_drop * sign_of(configuration), port.one, current))
         return losses
 
     def coil_guards(self, configuration: str, port: Port, z: SimpleNamespace) -> list[Guard]:
-        """Guards: the diodes block where the current ends."""
-        sign = sign_of(configuration)
-        if not sign:
-            return []
-        ends = "coil" if self.core_resistance is None else None
-        return [Guard(-sign * self.coil_current(configuration, port, z), configuration[:-1], ends)]
+        """Guards: the bridge blocks where its current ends, and conducts again where a winding rings below it."""
+        sign, coil = sign_of(configuration), self.coil(port.capacitance)
+        if sign:
+            after = configuration[:-1] if coil.stray is None else configuration + BLOCKED
+            return [Guard(-sign * self.coil_current(configuration, port, z), after, coil.ended, conducts=False)]
+        if configuration.endswith(BLOCKED):
+            before = configuration.removesuffix(BLOCKED)
+            excess = sign_of(before) * (self._drive(before, port) - coil.blocked_voltage(z))
+            return [Guard(excess, before)]
+        return []
+
+    def _connected(self, configuration: str) -> bool:
+        return sign_of(configuration) != 0
 
     def _drive(self, configuration: str, port: Port) -> Row:
-        """Voltage across the coil and what resists in line."""
+        """Voltage across coil, switch and the resistance of the diodes."""
         return port.v - 2.0 * self.diode_drop * sign_of(configuration) * port.one
 
-    def _line(self, port: Port) -> Any:
-        """Resistance of the coil and of the diodes in line, ohm."""
-        return self.coil(port.capacitance)[1] + 2.0 * self.diode_resistance
+    @property
+    def _line(self) -> Any:
+        """Resistance of the conducting diodes, ohm."""
+        return 2.0 * self.diode_resistance

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any, ClassVar, Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Product, Row, Switch
+from piezoharvest.description.circuit import Port, Product, Switch
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
@@ -83,23 +82,35 @@ class SynchronisedShunt(Shunt):
 class SwitchedLoop(Shunt):
     """A loop with an inductance that a switch closes."""
 
-    in_line: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # V and ohm, beside the resistance of the loop (`curved`)
+    switch_resistance: float | None = quantity(
+        "ohm",
+        "resistance of the closed switch, in addition to that given by quality; None: none",
+        default=None,
+        at_least=0,
+    )
 
     def loop(self, capacitance: float) -> tuple[Any, Any]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
         raise NotImplementedError
 
-    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
-        """Current in the loop: the state while closed, zero while open."""
-        return z.current if closed else 0.0 * port.one
+    def with_switch(self, inductance: Any, resistance: Any, capacitance: Any) -> Any:
+        """Resistance (ohm) of the loop: that of the coil and that of the switch.
 
-    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
-        """L di/dt + R i = drive while closed; the current stays zero while open."""
-        if not closed:
-            return dz.current
-        inductance, resistance = self.loop(port.capacitance)
-        drop, further = self.in_line
-        return inductance * dz.current + (resistance + further) * z.current + drop * port.one - drive
+        Raises
+        ------
+        ParameterError
+            With the resistance of the switch the voltage does not swing.
+        """
+        if self.switch_resistance is None:
+            return resistance
+        root: Any = np.sqrt(inductance / capacitance)
+        whole: Any = resistance + self.switch_resistance
+        if np.any(np.real(root / whole) <= 0.5):
+            limit: Any = np.real(2 * root - resistance)
+            most = float(np.min(limit))
+            allowed = f"must be less than {most:.4g} ohm, with which the voltage swings"
+            raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
+        return whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,12 +127,6 @@ class SwitchedCoil(SwitchedLoop):
     inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
     flip_time: float | None = quantity(
         "s", "time of an inversion (damped half period), instead of inductance", default=None, above=0
-    )
-    switch_resistance: float | None = quantity(
-        "ohm",
-        "resistance of the closed switch, in addition to that given by quality; None: none",
-        default=None,
-        at_least=0,
     )
 
     def __post_init__(self) -> None:
@@ -145,16 +150,8 @@ class SwitchedCoil(SwitchedLoop):
         else:
             assert self.flip_time is not None  # one of the two is given: __post_init__
             inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
-        root: Any = np.sqrt(inductance / capacitance)
-        if self.switch_resistance is None:
-            return inductance, root / self.quality
-        resistance = root / self.quality + self.switch_resistance
-        if np.any(np.real(root / resistance) <= 0.5):
-            limit: Any = np.real(root * (2 - 1 / self.quality))
-            most = float(np.min(limit))
-            allowed = f"must be less than {most:.4g} ohm, with which the voltage swings"
-            raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
-        return inductance, resistance
+        resistance = np.sqrt(inductance / capacitance) / self.quality
+        return inductance, self.with_switch(inductance, resistance, capacitance)
 
     def loop_quality(self, capacitance: Any) -> Any:
         """Quality sqrt(L/C)/R of the loop with its switch; raises as `loop`."""
@@ -209,7 +206,7 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
     Raises
     ------
     ParameterError
-        An inductance is given without a quality, or a quality or a core without one.
+        An inductance is given without a quality, or a quality, a switch resistance, a core or a winding without one.
     """
 
     inductance: float | None = quantity(
@@ -227,8 +224,9 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
         if (self.inductance is None) != (self.quality is None):
             missing = "quality" if self.quality is None else "inductance"
             raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
-        if self.at_once and getattr(self, "core_resistance", None) is not None:
-            raise ParameterError("core_resistance", "found without an inductance, whose core it is of: give both")
+        for key in ("switch_resistance", "core_resistance", "self_resonance"):
+            if self.at_once and getattr(self, key, None) is not None:
+                raise ParameterError(key, "found without an inductance, with which the switch does not act at once")
 
     @property
     def at_once(self) -> bool:
@@ -238,7 +236,8 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
     def loop(self, capacitance: float) -> tuple[Any, Any]:
         """Inductance (H) and resistance (ohm) of the path."""
         assert self.inductance is not None and self.quality is not None  # they are asked for where there is a coil
-        return self.inductance, np.sqrt(self.inductance / capacitance) / self.quality
+        resistance = np.sqrt(self.inductance / capacitance) / self.quality
+        return self.inductance, self.with_switch(self.inductance, resistance, capacitance)
 
     def on_time(self, capacitance: float) -> Any:
         """Seconds that the switch stays closed."""

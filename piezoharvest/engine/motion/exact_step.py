@@ -9,6 +9,7 @@ from numba.cpython.unsafe import numbers
 
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.state import vector
 from piezoharvest.engine.memory.tables import block_of, slot_of
@@ -21,6 +22,7 @@ trailing_zeros: Any = numbers.trailing_zeros  # callers omit the context argumen
 ARRIVED, FOUND, TRIAL, SAMPLE, SAVED, FLOW, SWAP, SERIES = range(8)
 
 MAX_FRACTION = 5 / 8  # finest steps
+CLOCK_ROUNDING = 1e-15  # of the time now: what a few sums of times are wrong by
 
 
 @compiled
@@ -84,6 +86,13 @@ def propagate_fraction(P, L, S, D, slot, share, out):
 
 @compiled
 def propagate_exactly(P, L, S, D, slot, x, tau, out):
-    """Out = exp(A tau) x for any 0 <= tau <= longest step: to the nearest finest step, then forwards or backwards."""
+    """Out = exp(A tau) x for any 0 <= tau <= longest step: to the nearest finest step, then forwards or backwards.
+
+    What is as short as the rounding of the clock is left out: a stage of a switch is a whole number of finest steps.
+    """
     short = P[block_of(L, slot) + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    propagate_fraction(P, L, S, D, slot, propagate_finest_steps(P, L, S, D, slot, x, tau) / short, out)
+    rest = propagate_finest_steps(P, L, S, D, slot, x, tau)
+    if abs(rest) <= CLOCK_ROUNDING * S[D[st.CLOCK]]:
+        copy(S, vector(L, D, SERIES), out, L[pg.ROWS])
+    else:
+        propagate_fraction(P, L, S, D, slot, rest / short, out)

@@ -23,6 +23,8 @@ from piezoharvest.engine.work_limit import STEP_WORK, may_continue, spend_produc
 # Relative interpolation error of a guard with which a step is accepted, and with which the next is twice or four times
 # as long.
 MAX_ERROR, DOUBLING_ERROR, QUADRUPLING_ERROR = 0.05, 0.005, 1e-4
+# Less than this share of a step would be left after it: both are taken at once.
+LAST_SHARE = 0.25
 
 
 @compiled
@@ -122,7 +124,8 @@ def propagate_mode(P, L, S, D, slot, t_stop):
         if left <= 0.0:
             return NONE
         step = P[steps + level]
-        full = step <= left * (1 + TIME_TOLERANCE)
+        over = left - step
+        full = over >= -TIME_TOLERANCE * left and (level == 0 or not TIME_TOLERANCE * left < over < LAST_SHARE * step)
         if full:
             grow(P, growth + level * rows * columns, rows, columns, S, 0, arrived)
         else:

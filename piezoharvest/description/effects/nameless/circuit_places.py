@@ -16,7 +16,7 @@ from piezoharvest.description.protocol import EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
-from piezoharvest.description.shunts.real_coil import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
 # Of a broken line in the place of a smooth curve. In squares of the current a power of 2.5 is off by 0.006 of its end
@@ -92,11 +92,9 @@ def has_diodes(shunt: Shunt | None) -> TypeGuard[Bridge]:
     return isinstance(shunt, Bridge) and shunt.storage is None and not isinstance(shunt, ElectronicBreaker)
 
 
-def has_loop(shunt: Shunt | None) -> TypeGuard[CoredSwitch]:
+def has_loop(shunt: Shunt | None) -> TypeGuard[WoundSwitch]:
     """True for a circuit whose closed switch may have a curve."""
-    if not isinstance(shunt, CoredSwitch) or shunt.core_resistance is not None:
-        return False
-    return getattr(shunt, "self_resonance", None) is None
+    return isinstance(shunt, WoundSwitch) and shunt.core_resistance is None and shunt.self_resonance is None
 
 
 def _with(shunt: S, **values: VoltageCurve) -> S:

@@ -13,7 +13,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge, sign_of
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
-from piezoharvest.description.shunts.real_coil import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
 # A piece is left for the one before it at so much less than the current of the corner, relatively: behind a resistance
@@ -32,7 +32,7 @@ def with_curves(shunt: Shunt) -> Shunt:
     diode = shunt.diode_curve if isinstance(shunt, Bridge) else None
     if diode is not None and isinstance(shunt, ElectronicBreaker):
         raise ParameterError("diode_curve", f"found in {shunt.kind}, whose breakers have the same straight diodes")
-    switch = shunt.switch_curve if isinstance(shunt, CoredSwitch) else None
+    switch = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
     return shunt if diode is None and switch is None else Curved(circuit=shunt, diode=diode, closed_switch=switch)
 
 

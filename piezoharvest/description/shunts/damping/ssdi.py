@@ -17,18 +17,17 @@ class SSDI(WoundSwitch):
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Bassaler, Proc. SPIE 3989, 288-299, 2000"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return self.coil_states(capacitance)
+        return self.real_coil(capacitance).states()
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        closed = configuration == "closed"
-        current = self.cored_current(closed, port.v, port, z)
-        return [port.i - current, *self.cored_equations(closed, port.v, port, z, dz)]
+        closed, coil = configuration == "closed", self.real_coil(port.capacitance)
+        return [port.i - coil.current(closed, port.v, port, z), *coil.equations(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return {"shunt_loss": self.cored_losses(configuration == "closed", port.v, port, z)}
+        return {"shunt_loss": self.real_coil(port.capacitance).losses(configuration == "closed", port.v, port, z)}
 
     def closed(self, configuration: str, polarity: int) -> str:
         return "closed"

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.shunts.real_coil import CoredCoil
+from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SSDS(EmptyingSwitch, CoredCoil):
+class SSDS(EmptyingSwitch, WoundCoil):
     """At every extremum the electrodes are shorted for an instant: the voltage goes to zero, its energy is lost.
 
     With the `inductance` and `quality` of a real path the switch stays closed until that alone would have emptied the
@@ -22,7 +22,7 @@ class SSDS(EmptyingSwitch, CoredCoil):
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Ching, Proc. SPIE 3672, 104-111, 1999"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return () if self.at_once else self.coil_states(capacitance)
+        return () if self.at_once else self.real_coil(capacitance).states()
 
     def configurations(self) -> tuple[str, ...]:
         return ("linear",) if self.at_once else ("open", "closed")
@@ -30,14 +30,14 @@ class SSDS(EmptyingSwitch, CoredCoil):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         if self.at_once:
             return [port.i]
-        closed = configuration == "closed"
-        current = self.cored_current(closed, port.v, port, z)
-        return [port.i - current, *self.cored_equations(closed, port.v, port, z, dz)]
+        closed, coil = configuration == "closed", self.real_coil(port.capacitance)
+        return [port.i - coil.current(closed, port.v, port, z), *coil.equations(closed, port.v, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         if self.at_once:
             return {}
-        return {"shunt_loss": self.cored_losses(configuration == "closed", port.v, port, z)}
+        closed = configuration == "closed"
+        return {"shunt_loss": self.real_coil(port.capacitance).losses(closed, port.v, port, z)}
 
     def closed(self, configuration: str, polarity: int) -> str:
         return configuration if self.at_once else "closed"

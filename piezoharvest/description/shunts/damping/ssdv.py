@@ -24,23 +24,23 @@ class SSDV(WoundSwitch):
     source_voltage: float = quantity("V", "voltage of the source in the loop", at_least=0)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return self.coil_states(capacitance)
+        return self.real_coil(capacitance).states()
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        drive = self._drive(sign, port)
-        current = self.cored_current(bool(sign), drive, port, z)
-        return [port.i - current, *self.cored_equations(bool(sign), drive, port, z, dz)]
+        drive, coil = self._drive(sign, port), self.real_coil(port.capacitance)
+        current = coil.current(bool(sign), drive, port, z)
+        return [port.i - current, *coil.equations(bool(sign), drive, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)
-        drive = self._drive(sign, port)
-        current = self.cored_current(bool(sign), drive, port, z)
+        drive, coil = self._drive(sign, port), self.real_coil(port.capacitance)
+        current = coil.current(bool(sign), drive, port, z)
         return {
-            "shunt_loss": self.cored_losses(bool(sign), drive, port, z),
+            "shunt_loss": coil.losses(bool(sign), drive, port, z),
             "source": [Product(-sign * self.source_voltage, port.one, current)],
         }
 

@@ -34,31 +34,32 @@ class DSSH(WoundSwitch):
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         between = State("intermediate", self.intermediate_capacitance, odd=False, recovered=self.efficiency)
-        return (*self.coil_states(capacitance), between)
+        return (*self.real_coil(capacitance).states(), between)
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, drive, line = self._drive(configuration, port, z)
-        current = self.cored_current(bool(sign), drive, port, z, line)
-        coil = self.cored_equations(bool(sign), drive, port, z, dz, line)
-        return [port.i - current, *coil, self.intermediate_capacitance * dz.intermediate - sign * current]
+        coil = self.real_coil(port.capacitance)
+        current = coil.current(bool(sign), drive, port, z, line)
+        own = coil.equations(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, *own, self.intermediate_capacitance * dz.intermediate - sign * current]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign, drive, line = self._drive(configuration, port, z)
-        current = self.cored_current(bool(sign), drive, port, z, line)
+        coil = self.real_coil(port.capacitance)
+        current = coil.current(bool(sign), drive, port, z, line)
         drops = [Product(2.0 * self.diode_drop * sign, port.one, current), Product(line, current, current)]
-        return {"shunt_loss": [*self.cored_losses(bool(sign), drive, port, z, line), *drops]}
+        return {"shunt_loss": [*coil.losses(bool(sign), drive, port, z, line), *drops]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        sign, drive, line = self._drive(configuration, port, z)
+        (sign, drive, line), coil = self._drive(configuration, port, z), self.real_coil(port.capacitance)
         if configuration == "open":
             return []
         if sign:
-            current = self.cored_current(True, drive, port, z, line)
-            return [Guard(-sign * current, "closed", self.ended)]
-        across = self.blocked_voltage(z)
+            return [Guard(-sign * coil.current(True, drive, port, z, line), "closed", coil.ended)]
+        across = coil.blocked_voltage(z)
         return [Guard(self._excess(s, port, z) - s * across, f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
 
     def closed(self, configuration: str, polarity: int) -> str:

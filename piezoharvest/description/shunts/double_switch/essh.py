@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.double_switch.dssh import DSSH
+from piezoharvest.description.shunts.real_coil import RealCoil, check_winding, winding_capacitance
 
 ASSUMED_QUALITY, ASSUMED_RESIDUAL = 30.0, 0.5
 ASSUMED_SHARE = 1 / 400  # of the period, in which the second coil empties its capacitor: short beside the motion
@@ -23,7 +24,7 @@ class ESSH(DSSH):
     `second_quality` = sqrt(L_2/C_int)/R_2 beside it, for the time in which the voltage falls to `residual` of its value
     where the coil has no losses: acos(residual) sqrt(L_2 C_int). When it opens, a share `efficiency` of the coil's
     energy reaches the load. What is left raises the voltage at which the next charge is taken. With a residual of 0 it
-    is DSSH with a real second coil.
+    is DSSH with a real second coil. The second coil may have a core loss and a self-resonance of its own.
     """
 
     kind: ClassVar[str] = "essh"
@@ -35,6 +36,20 @@ class ESSH(DSSH):
         "", "fraction of the intermediate voltage that is left after each transfer", at_least=0, below=1
     )
 
+    second_switch_resistance: float | None = quantity(
+        "ohm", "resistance of the second switch, in addition to second_quality; None: none", default=None, at_least=0
+    )
+    second_core_resistance: float | None = quantity(
+        "ohm", "resistance in parallel with the second inductance, the loss of its core", default=None, above=0
+    )
+    second_self_resonance: float | None = quantity(
+        "Hz", "frequency at which the winding of the second coil resonates with it", default=None, above=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_winding(self.second_self_resonance, self.second_switch_resistance, "second_")
+
     @classmethod
     def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
         values, note = super().assumed(capacitance, frequency)
@@ -42,9 +57,16 @@ class ESSH(DSSH):
         own = {"second_inductance": inductance, "second_quality": ASSUMED_QUALITY, "residual": ASSUMED_RESIDUAL}
         return values | own, f"{note}, a second coil of {inductance:.3g} H that leaves half of the voltage"
 
-    def second_resistance(self) -> Any:
-        """Resistance of the second coil, ohm."""
-        return np.sqrt(self.second_inductance / self.intermediate_capacitance) / self.second_quality
+    def second_coil(self) -> RealCoil:
+        """The second coil with its switch."""
+        resistance = np.sqrt(self.second_inductance / self.intermediate_capacitance) / self.second_quality
+        contact = 0.0 if self.second_switch_resistance is None else self.second_switch_resistance
+        stray = None
+        if self.second_self_resonance is not None:
+            stray = winding_capacitance(self.second_self_resonance, self.second_inductance)
+        own = resistance + (contact if stray is None else 0.0)
+        names = ("second", "second_winding")
+        return RealCoil(names, self.second_inductance, own, self.second_core_resistance, stray, contact)
 
     def transfer_time(self) -> Any:
         """Seconds for which the second switch is closed."""
@@ -59,24 +81,21 @@ class ESSH(DSSH):
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         *coil, between = super().states(capacitance)
-        second = State("second", self.second_inductance, odd=False, recovered=self.efficiency)
-        return (*coil, between._replace(recovered=None), second)
+        return (*coil, between._replace(recovered=None), *self.second_coil().states(self.efficiency, odd=False))
 
     def configurations(self) -> tuple[str, ...]:
         return (*super().configurations(), "transfer")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         *before, charging = super().equations(configuration, port, z, dz)
-        if configuration != "transfer":
-            return [*before, charging, dz.second]
-        falls = self.second_inductance * dz.second + self.second_resistance() * z.second - z.intermediate
-        return [*before, charging + z.second, falls]
+        transfers, second = configuration == "transfer", self.second_coil()
+        taken = second.current(transfers, z.intermediate, port, z)
+        return [*before, charging + taken, *second.equations(transfers, z.intermediate, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        losses = [*super().powers(configuration, port, z)["shunt_loss"]]
-        if configuration == "transfer":
-            losses.append(Product(self.second_resistance(), z.second, z.second))
-        return {"shunt_loss": losses}
+        losses = super().powers(configuration, port, z)["shunt_loss"]
+        second = self.second_coil().losses(configuration == "transfer", z.intermediate, port, z)
+        return {"shunt_loss": [*losses, *second]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         return () if configuration == "transfer" else super().guards(configuration, port, z)

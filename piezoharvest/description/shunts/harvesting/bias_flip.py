@@ -72,12 +72,13 @@ class BiasFlip(WoundSwitch, StagedFlip):
     def states(self, capacitance: float) -> tuple[State, ...]:
         bias = self._bias_capacitance(capacitance)
         capacitors = (State(f"bias_{k}", bias, odd=False) for k in range(1, self.steps // 2 + 1))
-        return (*self.coil_states(capacitance), *capacitors, *self.bridge_states())
+        return (*self.real_coil(capacitance).states(), *capacitors, *self.bridge_states())
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         position, bias = position_of(configuration), self._bias_capacitance(port.capacitance)
         connected, side = self._capacitor(position)
-        coil = self.cored_equations(position != "open", self._drive(position, port, z), port, z, dz)
+        drive = self._drive(position, port, z)
+        coil = self.real_coil(port.capacitance).equations(position != "open", drive, port, z, dz)
         current = self.switched_current(position, port, z)
         charging = [
             bias * getattr(dz, f"bias_{k}") - (side * current if k == connected else 0.0)
@@ -90,11 +91,13 @@ class BiasFlip(WoundSwitch, StagedFlip):
         powers = self.bridge_powers(self.bridge(configuration, port, z)[1], port, z)
         powers["shunt_loss"] += self.leads_loss(port, z)
         position = position_of(configuration)
-        powers["shunt_loss"] += self.cored_losses(position != "open", self._drive(position, port, z), port, z)
+        drive = self._drive(position, port, z)
+        powers["shunt_loss"] += self.real_coil(port.capacitance).losses(position != "open", drive, port, z)
         return powers
 
     def switched_current(self, position: str, port: Port, z: SimpleNamespace) -> Row:
-        return self.cored_current(position != "open", self._drive(position, port, z), port, z)
+        drive = self._drive(position, port, z)
+        return self.real_coil(port.capacitance).current(position != "open", drive, port, z)
 
     def _drive(self, position: str, port: Port, z: SimpleNamespace) -> Row:
         """Voltage across the coil in a position of the switch."""

@@ -22,7 +22,7 @@ class ParallelSSHI(WoundSwitch, StartedSwitch):
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (*self.coil_states(capacitance), *self.bridge_states())
+        return (*self.real_coil(capacitance).states(), *self.bridge_states())
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "open+", "open-", "closed", "closed+", "closed-")
@@ -33,14 +33,16 @@ class ParallelSSHI(WoundSwitch, StartedSwitch):
             port_equation = self.conduction(sign, rectified, port, z, dz)
         else:
             port_equation = self.forward(port, z) - self._loop(configuration, port, z)
-        coil = self.cored_equations(configuration.startswith("closed"), port.v, port, z, dz)
+        closed = configuration.startswith("closed")
+        coil = self.real_coil(port.capacitance).equations(closed, port.v, port, z, dz)
         return [port_equation, *coil, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
         powers["shunt_loss"] += self.leads_loss(port, z)
-        powers["shunt_loss"] += self.cored_losses(configuration.startswith("closed"), port.v, port, z)
+        closed = configuration.startswith("closed")
+        powers["shunt_loss"] += self.real_coil(port.capacitance).losses(closed, port.v, port, z)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -53,7 +55,7 @@ class ParallelSSHI(WoundSwitch, StartedSwitch):
         return configuration.replace("closed", "open")
 
     def _loop(self, configuration: str, port: Port, z: SimpleNamespace) -> Row:
-        return self.cored_current(configuration.startswith("closed"), port.v, port, z)
+        return self.real_coil(port.capacitance).current(configuration.startswith("closed"), port.v, port, z)
 
     def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""

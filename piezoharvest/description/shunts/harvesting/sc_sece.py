@@ -32,9 +32,6 @@ class SCSECE(InductiveSwitch, Extraction):
         values = {"short_time": 0.1 / frequency}
         return values, f"a short of {values['short_time']:.3g} s, a tenth of the period"
 
-    def coil(self, capacitance: float) -> tuple[Any, Any]:
-        return self.loop(capacitance)
-
     def swing_time(self, capacitance: float) -> Any:
         return (1 + self.on_time_error) * self.emptying_time(capacitance)
 
@@ -46,14 +43,14 @@ class SCSECE(InductiveSwitch, Extraction):
         return extraction if configuration.startswith("extract") else 1.0 - extraction
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (self.coil_state(capacitance),)
+        return self.extraction_states(capacitance)
 
     def configurations(self) -> tuple[str, ...]:
-        return ("open", "extract", "extract+", "extract-", "short")
+        return ("open", *self.extracting("extract"), "short")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         current = self._short(configuration, port) + self.coil_current(configuration, port, z)
-        return [port.i - current, self.coil_equation(configuration, port, z, dz)]
+        return [port.i - current, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         short = Product(1.0, port.v, self._short(configuration, port))

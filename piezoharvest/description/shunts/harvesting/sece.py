@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.extraction import Extraction
@@ -28,20 +28,17 @@ class SECE(EmptyingSwitch, Extraction):
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
 
-    def coil(self, capacitance: float) -> tuple[Any, Any]:
-        return self.loop(capacitance)
-
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return () if self.at_once else (self.coil_state(capacitance),)
+        return () if self.at_once else self.extraction_states(capacitance)
 
     def configurations(self) -> tuple[str, ...]:
-        return ("linear",) if self.at_once else ("open", "closed", "closed+", "closed-")
+        return ("linear",) if self.at_once else ("open", *self.extracting("closed"))
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         if self.at_once:
             return [port.i]
         current = self.coil_current(configuration, port, z)
-        return [port.i - current, self.coil_equation(configuration, port, z, dz)]
+        return [port.i - current, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {} if self.at_once else {"shunt_loss": self.coil_losses(configuration, port, z)}

@@ -23,31 +23,32 @@ class SeriesSSHI(WoundSwitch, Bridge):
     source: ClassVar[str] = "Taylor, Burns, Kammann, Powers & Welsh, IEEE J. Ocean. Eng. 26(4), 539-547, 2001"
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (*self.coil_states(capacitance), *self.bridge_states())
+        return (*self.real_coil(capacitance).states(), *self.bridge_states())
 
     def configurations(self) -> tuple[str, ...]:
         return ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, drive, line = self._drive(configuration, port, z)
-        current = self.cored_current(bool(sign), drive, port, z, line)
-        coil = self.cored_equations(bool(sign), drive, port, z, dz, line)
-        return [port.i - current, *coil, *self.dc_equations(sign * current, z, dz)]
+        coil = self.real_coil(port.capacitance)
+        current = coil.current(bool(sign), drive, port, z, line)
+        own = coil.equations(bool(sign), drive, port, z, dz, line)
+        return [port.i - current, *own, *self.dc_equations(sign * current, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign, drive, line = self._drive(configuration, port, z)
-        powers = self.bridge_powers(sign * self.cored_current(bool(sign), drive, port, z, line), port, z)
-        powers["shunt_loss"] += self.cored_losses(bool(sign), drive, port, z, line)
+        coil = self.real_coil(port.capacitance)
+        powers = self.bridge_powers(sign * coil.current(bool(sign), drive, port, z, line), port, z)
+        powers["shunt_loss"] += coil.losses(bool(sign), drive, port, z, line)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        sign, drive, line = self._drive(configuration, port, z)
+        (sign, drive, line), coil = self._drive(configuration, port, z), self.real_coil(port.capacitance)
         if configuration == "open":
             return []
         if sign:
-            current = self.cored_current(True, drive, port, z, line)
-            return [Guard(-sign * current, "closed", self.ended)]
-        across = self.blocked_voltage(z)
+            return [Guard(-sign * coil.current(True, drive, port, z, line), "closed", coil.ended)]
+        across = coil.blocked_voltage(z)
         return [Guard(self.excess(s, port, z) - s * across, f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
 
     def closed(self, configuration: str, polarity: int) -> str:

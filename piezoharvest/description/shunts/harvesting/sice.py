@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.extraction import Extraction
-from piezoharvest.description.shunts.real_coil import CoredSwitch
+from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class SICE(CoredSwitch, Extraction):
+class SICE(WoundSwitch, Extraction):
     """The voltage is inverted at a minimum of sum T_i x_i, and at the maximum that follows its charge is extracted.
 
     Extracted are then 2 (1 + q) V_oc instead of twice 2 V_oc a period by SECE: up to twice the energy. Both use a coil
@@ -24,28 +24,26 @@ class SICE(CoredSwitch, Extraction):
     source: ClassVar[str] = "Lallart, Wu, Hsieh & Yan, Smart Mater. Struct. 26(11), 115012, 2017"
     mirrors: ClassVar[bool] = False
 
-    def coil(self, capacitance: float) -> tuple[Any, Any]:
-        return self.loop(capacitance)
-
     def stage(self, configuration: str, capacitance: float) -> Any:
         if not configuration.startswith("extract"):
             return 1.0
         return self.emptying_time(capacitance) / self.nominal_flip_time(capacitance)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return (*self.coil_states(capacitance), self.coil_state(capacitance))
+        return (*self.real_coil(capacitance).states(), *self.extraction_states(capacitance))
 
     def configurations(self) -> tuple[str, ...]:
-        return ("open", "invert", "extract", "extract-")
+        extracting = (name for name in self.extracting("extract") if "+" not in name)
+        return ("open", "invert", *extracting)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        inverts = configuration == "invert"
-        current = self.cored_current(inverts, port.v, port, z) + self.coil_current(configuration, port, z)
-        inverting = self.cored_equations(inverts, port.v, port, z, dz)
-        return [port.i - current, *inverting, self.coil_equation(configuration, port, z, dz)]
+        inverts, coil = configuration == "invert", self.real_coil(port.capacitance)
+        current = coil.current(inverts, port.v, port, z) + self.coil_current(configuration, port, z)
+        inverting = coil.equations(inverts, port.v, port, z, dz)
+        return [port.i - current, *inverting, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        inverting = self.cored_losses(configuration == "invert", port.v, port, z)
+        inverting = self.real_coil(port.capacitance).losses(configuration == "invert", port.v, port, z)
         return {"shunt_loss": [*inverting, *self.coil_losses(configuration, port, z)]}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.real_coil import CoredCoil
+from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
 NEITHER = "none"
@@ -76,7 +76,7 @@ def breakers_of(configuration: str) -> Breakers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElectronicBreaker(SwitchedCoil, CoredCoil):
+class ElectronicBreaker(SwitchedCoil, WoundCoil):
     """Coil with two electronic breakers in its loop, one for each sign of the voltage.
 
     A diode charges an envelope capacitor to the voltage less its drop. Where the voltage has fallen by `threshold`,
@@ -97,12 +97,25 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     envelope_capacitance: float = quantity("F", "capacitance of the envelope detector", above=0)
     threshold: float = quantity("V", "voltage drop from the peak at which the breaker closes", at_least=0)
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    breaker_drop: float | None = quantity(
+        "V", "forward voltage of the diode and transistor of a breaker; default: that of one diode", default=None,
+        at_least=0,
+    )  # fmt: skip
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
+
+    def inversion(self, capacitance: float) -> Any:
+        return super().inversion(capacitance) * self.charge_share(capacitance)
 
     @property
     def least_voltage(self) -> Any:
         """Open-circuit voltage amplitude above which a breaker passes a current, V; any store being empty."""
-        return self.threshold + (1 + self.path_diodes) * self.diode_drop
+        return self.threshold + self.diode_drop + self.drop_of_path
+
+    @property
+    def drop_of_path(self) -> Any:
+        """Forward voltage of all that is in the path of a breaker, V."""
+        own = self.diode_drop if self.breaker_drop is None else self.breaker_drop
+        return own + (self.path_diodes - 1) * self.diode_drop
 
     def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
         return {"least_switching_voltage": float(self.least_voltage)}
@@ -115,7 +128,7 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def breaker_states(self, capacitance: float) -> tuple[State, ...]:
         """Current of the coil, and voltages of both envelope capacitors."""
         held = (State(f"envelope_{which}", self.envelope_capacitance, odd=False) for which in ("high", "low"))
-        return (*self.coil_states(capacitance), *held)
+        return (*self.real_coil(capacitance).states(), *held)
 
     def configurations(self) -> tuple[str, ...]:
         every = (
@@ -129,7 +142,7 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
 
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage that drives the current of the breaker of this sign."""
-        return sign * port.v - self.path_diodes * self.diode_drop * port.one
+        return sign * port.v - self.drop_of_path * port.one
 
     def line(self, sign: int) -> Any:
         """Resistance in the path of the breaker of this sign, in addition to that of the loop, ohm."""
@@ -138,7 +151,7 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def path_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current through the breaker that is closed, in the direction of a positive voltage."""
         sign = breakers.sign
-        return self.cored_current(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
+        return self.real_coil(port.capacitance).current(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
 
     def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current of the coil and of the envelope capacitors, out of the electrodes."""
@@ -148,18 +161,19 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
     def breaker_equations(self, breakers: Breakers, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Equations of the states of the breakers."""
         sign = breakers.sign
-        coil = self.cored_equations(sign != 0, self._drive(sign, port, z), port, z, dz, self.line(sign))
+        drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
         high = dz.envelope_high - (port.dv if breakers.envelope == "rise" else 0.0)
         low = dz.envelope_low + (port.dv if breakers.envelope == "fall" else 0.0)
-        return [*coil, high, low]
+        return [*coil.equations(sign != 0, drive, port, z, dz, self.line(sign)), high, low]
 
     def breaker_losses(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power in the coil's resistance and core and in the diodes of breakers and envelopes."""
         sign = breakers.sign
-        losses = self.cored_losses(sign != 0, self._drive(sign, port, z), port, z, self.line(sign))
-        if sign and np.any(self.diode_drop):
+        drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
+        losses = coil.losses(sign != 0, drive, port, z, self.line(sign))
+        if sign and np.any(self.drop_of_path):
             current = self.path_current(breakers, port, z)
-            losses.append(Product(sign * self.path_diodes * self.diode_drop, port.one, current))
+            losses.append(Product(sign * self.drop_of_path, port.one, current))
         if breakers.charging and np.any(self.diode_drop):
             direction = 1.0 if breakers.envelope == "rise" else -1.0
             losses.append(Product(direction * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
@@ -177,7 +191,8 @@ class ElectronicBreaker(SwitchedCoil, CoredCoil):
         if breakers.sign:
             after = breakers._replace(position=f"spent_{breakers.position}")
             current = self.path_current(breakers, port, z)
-            return [Guard(-breakers.sign * current, after.name, self.ended, event="switch opens")]
+            ended = self.real_coil(port.capacitance).ended
+            return [Guard(-breakers.sign * current, after.name, ended, event="switch opens")]
         if breakers.position != "open":
             sign = 1 if breakers.position == "spent_high" else -1
             fallen = self.diode_drop * port.one - sign * port.v

@@ -25,8 +25,8 @@ class SelfPoweredSECE(ElectronicBreaker):
     )
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        coil, *envelopes = self.breaker_states(capacitance)
-        return (coil._replace(recovered=self.efficiency), *envelopes)
+        inductor, *others = self.breaker_states(capacitance)
+        return (inductor._replace(recovered=self.efficiency), *others)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         breakers = breakers_of(configuration)
@@ -39,5 +39,6 @@ class SelfPoweredSECE(ElectronicBreaker):
         breakers, guards = breakers_of(configuration), list(super().guards(configuration, port, z))
         if breakers.sign:
             after = breakers._replace(position=f"spent_{breakers.position}").name
-            guards.append(Guard(-breakers.sign * port.v, after, "current", event="switch opens"))
+            inductor = self.real_coil(port.capacitance).names[0]
+            guards.append(Guard(-breakers.sign * port.v, after, inductor, event="switch opens"))
         return guards
