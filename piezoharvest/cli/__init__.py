@@ -12,9 +12,7 @@ import errno
 import gc
 import math
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from functools import partial
@@ -419,7 +417,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        _end_as_if_interrupted()
         given = _quiet_first(sys.argv[1:] if arguments is None else arguments)
         result = app(given, prog_name="piezoharvest", standalone_mode=False)
         if result == 130:  # typer has handled the interrupt itself
@@ -454,16 +451,6 @@ def _quiet_first(arguments: Sequence[str]) -> list[str]:
 def _discard_output() -> None:
     """Discard output that Python would try to flush, and fail to, at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _end_as_if_interrupted() -> None:
-    """Treat SIGTERM, with which containers and batch systems end a run, like Ctrl-C."""
-
-    def end(*_: object) -> None:
-        raise SystemExit(143)
-
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, end)
 
 
 def _failed(error: Exception) -> int:

@@ -278,6 +278,18 @@ def test_a_tracker_is_the_whole_dc_side(given):
     assert caught.value.key == next(iter(given))
 
 
+def test_a_tracker_needs_a_voltage_that_settles():
+    """Without damping, at the resonance of open electrodes to the last digit: the matrix of the motion is singular."""
+    device = Transducer(
+        mass=0.011117614829344395, damping=0.0, stiffness=182506.33457273108, coupling=0.002896544995354967,
+        capacitance=1.469789319287755e-09,
+    )  # fmt: skip
+    drive = SineForce(amplitude=0.1255691238004806, frequency=654.8487369202002)
+    with pytest.raises(ParameterError, match="found none at the resonance of the open electrodes") as caught:
+        simulate(System(device, MPPT(fraction=0.5)), drive)
+    assert caught.value.key == "transducer.damping"
+
+
 def test_a_tracker_needs_a_sine():
     noise = RandomForce(psd=1.0, band=(10.0, 20.0), duration=1.0, seed=1)
     with pytest.raises(ParameterError, match="found mppt under random_force"):

@@ -1,5 +1,6 @@
 """Memory does not grow with the number of designs and stays below a gibibyte, nor does time grow faster than it."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,10 @@ from pathlib import Path
 import pytest
 
 LIMIT = 1024  # MiB, for 100,000 designs
-DIFFERENCE = 40  # MiB that two sweeps may differ by for other reasons than their number of designs
+# From two groups of rows of a file on (131,072) memory is at its largest: one is written while the next one is read.
+# The rows of the other designs, if they were kept, would take 100 MiB (120 bytes each).
+SMALL, LARGE = 140_000, 1_000_000
+DIFFERENCE = 40  # MiB that two sweeps may differ by for other reasons than their number of designs: 19 were measured
 
 # The peak of this very process: the one that `getrusage` tells goes back before exec, to the one that started it. With
 # "real" the engine simulates; without, all but the simulation itself is real.
@@ -38,7 +42,9 @@ def swept(folder, designs, suffix, *how):
     """Rows, seconds of a core and the largest memory in MiB of a sweep in a process of its own."""
     folder.mkdir()
     command = [sys.executable, "-c", SCRIPT, str(designs), str(folder), suffix, *how]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parent)
+    # Arrow's own allocator gives memory back by the clock: on a busy machine its peak is up to 22 MiB higher.
+    setting = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parent, env=setting)
     return map(float, run.stdout.split())
 
 
@@ -47,14 +53,14 @@ class TestMemory:
     @pytest.mark.slow
     @pytest.mark.parametrize("suffix", ["parquet", "csv"])
     def test_it_does_not_grow_with_the_number_of_designs(self, tmp_path, suffix):
-        rows, _, small = swept(tmp_path / "small", 70_000, suffix)
-        assert rows == 70_000
-        rows, seconds, large = swept(tmp_path / "large", 250_000, suffix)
-        assert rows == 250_000
+        rows, _, small = swept(tmp_path / "small", SMALL, suffix)
+        assert rows == SMALL
+        rows, seconds, large = swept(tmp_path / "large", LARGE, suffix)
+        assert rows == LARGE
         assert large < LIMIT
         assert large < small + DIFFERENCE
         # A goal of 20,000 designs a second leaves 50 us for each: what is not simulated should take little of it.
-        assert seconds / 250_000 < 20e-6
+        assert seconds / LARGE < 20e-6
 
     @pytest.mark.slow
     def test_the_engine_needs_less_than_a_gibibyte(self, tmp_path):

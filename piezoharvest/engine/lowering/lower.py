@@ -110,7 +110,7 @@ def settled(system: System, excitation: Excitation) -> System:
     Raises
     ------
     ParameterError
-        There is a tracker, and the excitation is not one sine.
+        There is a tracker, and the excitation is not one sine, or drives what has no damping at its resonance.
     """
     if not system.shunt.tracks:
         return system
@@ -118,7 +118,11 @@ def settled(system: System, excitation: Excitation) -> System:
         found = f"found {system.shunt.kind} under {excitation.kind}"
         raise ParameterError("kind", f"{found}, but a tracker of the open-circuit voltage needs one sine")
     opened = lower(system.opened, excitation)
-    return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
+    try:
+        return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
+    except np.linalg.LinAlgError:
+        found = "found none at the resonance of the open electrodes, whose voltage grows without end"
+        raise ParameterError("transducer.damping", f"{found}, but a tracker needs one that settles") from None
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:

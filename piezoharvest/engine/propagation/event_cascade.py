@@ -21,6 +21,16 @@ MAX_EVENTS = 60  # events at one instant, beyond which the model is taken to cha
 
 
 @compiled
+def present_mode(P, L, D):
+    """Mode of the present configuration and stops; one that is new is built."""
+    slot = find_mode(L, D, D[st.CONFIGURATION], D[st.SLIP])
+    if slot == NONE:
+        build(P, L, D, D[st.CONFIGURATION], D[st.SLIP])
+        slot = L[tb.CLAMPED] - 1
+    return slot
+
+
+@compiled
 def process_due_events(P, L, S, D):
     """Carry out all events that are due at this instant.
 
@@ -29,10 +39,7 @@ def process_due_events(P, L, S, D):
     # If no event has happened since the last step, the signs and limits of the guards are still set.
     known = NONE if D[st.INCOMPLETE] else D[st.MODE]
     for _ in range(MAX_EVENTS):
-        slot = find_mode(L, D, D[st.CONFIGURATION], D[st.SLIP])
-        if slot == NONE:
-            build(P, L, D, D[st.CONFIGURATION], D[st.SLIP])
-            slot = L[tb.CLAMPED] - 1
+        slot = present_mode(P, L, D)
         if known != slot:
             set_guard_signs(P, L, S, D, slot)
             if L[slot_of(L, slot) + tb.CLAMPED_FORM] != NONE:

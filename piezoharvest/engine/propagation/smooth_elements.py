@@ -28,7 +28,7 @@ from piezoharvest.engine.motion.element_outputs import (
     size_of,
     tolerance_of,
 )
-from piezoharvest.engine.propagation.event_cascade import process_due_events
+from piezoharvest.engine.propagation.event_cascade import present_mode, process_due_events
 from piezoharvest.engine.propagation.propagate import propagate_mode, read_guards
 from piezoharvest.engine.propagation.trajectory import begin_tape, end_tape, set_beginning
 
@@ -71,6 +71,8 @@ def begin_step(P, L, S, D, slot):
 @compiled
 def process_due_events_smooth(P, L, S, D):
     """As `process_due_events`, with outputs consistent with the state; repeated if they change the mode."""
+    if D[st.MODE] == NONE:  # the state is new: its outputs are zero, or those of another one
+        begin_step(P, L, S, D, present_mode(P, L, D))
     slot = process_due_events(P, L, S, D)
     for _ in range(4):
         if slot == NONE:
