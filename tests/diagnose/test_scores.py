@@ -28,7 +28,14 @@ from piezoharvest.diagnose.residual_structure.residual_tests import (
     failed_tests,
     run_tests,
 )
-from piezoharvest.diagnose.selection.score_tests import _one_step_scores, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.selection.score_tests import (
+    _one_step_scores,
+    cosine,
+    effect_parameters,
+    extended,
+    scores,
+    starts_of,
+)
 from piezoharvest.diagnose.validation import spoils
 from piezoharvest.identify.fitting.likelihood import spectra_of
 from piezoharvest.identify.fitting.model import Model
@@ -230,6 +237,14 @@ def test_effects_of_circuits_are_sought_behind_such_only(records):
     names = {candidate.name for candidate in scores(problem, found, scales)}
     assert "bias_current" in names
     assert names.isdisjoint(OF_CIRCUITS)
+
+
+def test_two_names_of_one_law_are_not_candidates_together(records):
+    """Voltage reversion is a dielectric relaxation: it stands for that where every record is behind a switch."""
+    _, found, scales = fitted(*records, seed=1)
+    for shunts, name in (((SWITCHED, SWITCHED), "voltage_reversion"), ((SWITCHED, None), "dielectric_relaxation")):
+        names = {start.name for start in starts_of(dataclasses.replace(scales, shunts=shunts), found, None)}
+        assert names & {"voltage_reversion", "dielectric_relaxation"} == {name}
 
 
 def test_effects_that_stand_in_for_a_label_start_at_it(records):

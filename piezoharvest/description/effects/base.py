@@ -43,6 +43,7 @@ class Effect(Component):
     scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True
     places: ClassVar[tuple[str, ...]] = ()  # see `acts_at`
+    same_law: ClassVar[str] = ""  # name of the effect that it is, expressed in other quantities
     of_drive: ClassVar[bool] = False  # it depends on the amplitude or the frequency of a record's drive
     delay_path: ClassVar[tuple[str, ...]] = ("delay",)  # to the value that `late` returns
 

@@ -121,7 +121,20 @@ def starts_of(scales: CampaignScales, found: Fit, library: Sequence[type[Effect]
     """Starts of all effects that the records can show and that the model does not have yet."""
     library = list(registered().values()) if library is None else library
     classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
+    classes = _one_name_for_a_law(classes, scales)
     return [start for cls in classes for start in _of_class(cls, scales) if _is_new(start, found)]
+
+
+def _one_name_for_a_law(classes: list[type[Effect]], scales: CampaignScales) -> list[type[Effect]]:
+    """Effects without those that are others of them in other quantities.
+
+    No record could distinguish the two. The one of a circuit stands where every record is behind such a circuit.
+    """
+    names, left_out = {cls.name for cls in classes}, set[str]()
+    for cls in classes:
+        if cls.same_law in names:
+            left_out.add(cls.same_law if all(map(cls.acts_on, scales.shunts)) else cls.name)
+    return [cls for cls in classes if cls.name not in left_out]
 
 
 def _of_class(cls: type[Effect], scales: CampaignScales) -> list[Effect]:

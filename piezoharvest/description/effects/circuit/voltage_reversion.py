@@ -32,6 +32,9 @@ class VoltageReversion(Effect):
         "not fall back"
     )
 
+    same_law: ClassVar[str] = "dielectric_relaxation"
+    places: ClassVar[tuple[str, ...]] = ("capacitor", "electrodes")
+
     share: float = quantity("", "fraction of a sudden voltage change that is lost", above=0, below=1, null=0.0)
     time_constant: float = quantity("s", "time constant with which it is lost, electrodes open", above=0)
 
