@@ -132,7 +132,7 @@ def test_the_part_is_found_with_its_law(name, tmp_path):
     kinds = [LABELS[name][0]] * 3
     found = diagnose(switched_campaign(tmp_path, HIDDEN[name], kinds))
     assert found.verdict == "new_effect"
-    (law,) = found.discoveries
+    (law,) = found.discovery
     assert law.place == name
     wanted = np.real(TRUE[name].values(law.input))
     # The diodes' constant drop is a parameter of its own: a curve is known but for it.

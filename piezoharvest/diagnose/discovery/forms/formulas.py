@@ -53,6 +53,7 @@ WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
+SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,9 @@ class _Loss:
         sides, bent = outward(form.knots), isinstance(form, Bends)
         pieces = np.maximum(sides * (self.x[:, None] - np.array(form.knots)), 0.0)
         pieces = 0.5 * pieces**2 if bent else pieces
-        self.basis = np.column_stack([pieces, np.ones(len(self.x)), *([self.x] if table.place.bent else [])])
+        # A voltage in a circuit begins at zero, with the current of the part; elsewhere a constant goes with offsets.
+        free = [] if table.place.in_circuit else [np.ones(len(self.x))]
+        self.basis = np.column_stack([pieces, *free, *([self.x] if table.place.bent else [])])
         inside, right = table.normal
         values, vectors = np.linalg.eigh(inside)
         values = np.maximum(values, 0.0)
@@ -219,7 +222,8 @@ def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
         knots = dense if curve in SATURATING else even
         make = lambda z, c=curve, k=knots: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=k)  # noqa: E731
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
-        yield [(make, np.array([sign * share * size])) for share in SCALES for sign in both]
+        shares = (*SCALES, *SATURATION_CURRENTS) if place.in_circuit and curve == "log" else SCALES
+        yield [(make, np.array([sign * share * size])) for share in shares for sign in both]
     if place.input in ("velocity", "displacement_rate"):
         width = WIDTH * size
         yield [(lambda z: Coulomb(factor=z[0], width=width, knots=dense), np.zeros(0))]
