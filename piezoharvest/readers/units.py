@@ -22,7 +22,7 @@ _WORDS = {
     "cm": ("m", 1e-2), "inch": ("m", 0.0254), "volt": ("V", 1.0), "amp": ("A", 1.0), "ampere": ("A", 1.0),
     "hertz": ("Hz", 1.0), "hz": ("Hz", 1.0), "khz": ("Hz", 1e3), "ohm": ("ohm", 1.0), "radian": ("rad", 1.0),
     "deg": ("rad", math.pi / 180), "degree": ("rad", math.pi / 180), "°": ("rad", math.pi / 180),
-    "db": ("dB", 1.0), "%": ("%", 1.0), "°c": ("degC", 1.0), "siemens": ("S", 1.0),
+    "db": ("dB", 1.0), "%": ("%", 1.0), "°c": ("degC", 1.0), "siemens": ("S", 1.0), "g_0": ("m/s^2", 9.80665),
 }  # fmt: skip
 _COMPOUND = {"rad/s": ("Hz", 0.5 / math.pi), "rpm": ("Hz", 1 / 60)}
 _ACCELERATION = re.compile(r"(\w*m)\s*(?:/|\s|per|_per_|_)\s*s\s*(?:\^|\*\*)?-?\s*2")

@@ -41,6 +41,10 @@ class MPPT(Rectifier):
         "", "fraction of the time that is used for sampling", default=0.0, at_least=0, below=1
     )
 
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        return {"fraction": 0.5}, "half of the open-circuit voltage, all the time"
+
     def _check_dc_side(self) -> None:
         keys = ("smoothing_capacitance", "load_resistance", "dc_voltage", "storage", "initial_dc_voltage")
         found = [key for key in keys if getattr(self, key) is not None]

@@ -15,6 +15,10 @@ from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
 NEITHER = "none"
+ASSUMED_SHARE = (
+    1 / 20
+)  # of the clamped capacitance: a tenth costs a noticeable part, a fortieth hardly drives a transistor
+ASSUMED_THRESHOLD = 0.6  # V, between base and emitter
 
 
 class Breakers(NamedTuple):
@@ -102,6 +106,14 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         at_least=0,
     )  # fmt: skip
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        values = {"envelope_capacitance": ASSUMED_SHARE * capacitance, "threshold": ASSUMED_THRESHOLD}
+        return (
+            values,
+            f"envelope capacitors of {values['envelope_capacitance']:.3g} F, transistors of {ASSUMED_THRESHOLD} V",
+        )
 
     def inversion(self, capacitance: float) -> Any:
         return super().inversion(capacitance) * self.charge_share(capacitance)
