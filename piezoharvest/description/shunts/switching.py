@@ -16,9 +16,9 @@ from piezoharvest.description.shunts.base import Shunt
 class SynchronisedShunt(Shunt):
     """A shunt whose switch acts at the extrema of sum T_i x_i, late or early by a lag.
 
-    `time_lag` is also what a comparator's delay is. What drives the switch takes `gate_energy` each time when it closes
-    or goes on to its next stage, and its comparator and clock take `control_power` all the time: both are lost, and
-    what is harvested is net of them, negative where they take more than the circuit gives.
+    The delay of a comparator is a `time_lag`. Driving the switch takes `gate_energy` each time it closes or goes on to
+    its next stage; comparator and clock take `control_power` continuously. Both are losses, and harvested power is net
+    of them: negative if they take more than the circuit delivers.
     """
 
     phase_lag: float = quantity(
@@ -198,15 +198,16 @@ class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
 
 @dataclass(frozen=True, kw_only=True)
 class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
-    """A switch that empties the electrodes at the extrema: at once, or through a coil if `inductance` is given.
+    """A switch that discharges the electrodes at the extrema, instantly or, with an `inductance`, through a coil.
 
-    With a coil it stays closed until the loop alone would have emptied them, a quarter of a swing, longer or shorter by
-    `on_time_error`, which is of no effect without one.
+    With a coil it stays closed until the loop alone would have emptied the electrodes, a quarter of a period, longer or
+    shorter by `on_time_error`, which has no effect without a coil.
 
     Raises
     ------
     ParameterError
-        An inductance is given without a quality, or a quality, a switch resistance, a core or a winding without one.
+        An inductance is given without a quality, or a quality, a switch resistance, a core or a winding without an
+        inductance.
     """
 
     inductance: float | None = quantity(
