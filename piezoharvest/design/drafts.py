@@ -271,7 +271,7 @@ class Drafting:
             load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
-        parts = [name for name in DIODE if name in cls.__dataclass_fields__]
+        parts = [name for name in DIODE if name in cls.__dataclass_fields__ and name != "diode_curve"]  # no number
         if parts:
             found = {name: self._device(name, 0.0) for name in parts}
             values |= {name: value for name, (value, _) in found.items()}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, Self, cast
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Product, Switch
+from piezoharvest.description.circuit import Port, Product, Row, Switch
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
@@ -92,6 +93,17 @@ class SwitchedLoop(Shunt):
     def loop(self, capacitance: float) -> tuple[Any, Any]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
         raise NotImplementedError
+
+    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace) -> Row:
+        """Current in the loop: the state `current` while closed, zero while open."""
+        return z.current if closed else 0.0 * port.one
+
+    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
+        """L di/dt + R i = drive while closed; the current stays zero while open."""
+        if not closed:
+            return dz.current
+        inductance, resistance = self.loop(port.capacitance)
+        return inductance * dz.current + resistance * z.current - drive
 
     def with_switch(self, inductance: Any, resistance: Any, capacitance: Any) -> Any:
         """Resistance (ohm) of the loop: that of the coil and that of the switch.
