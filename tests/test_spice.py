@@ -443,9 +443,13 @@ class TestRealDiodes:
         found = run_netlist(netlist(study, start="steady", diodes="D(Is=1e-12 N=1)"))
         assert found["harvested_power"] == pytest.approx(solve(study).harvested_power, rel=3e-3)
 
+    def test_a_diode_of_the_catalogue(self):
+        text = netlist(bench(SWITCHED["rectifier"], DRIVE), diodes="BAT54")
+        assert ".model diode D(IS=2.117e-07 N=1.016 RS=2.637)" in text
+
     def test_a_wrong_model_is_refused(self):
-        for model in ("1N4148", "D(Is=1n) .include x", "D(Is)"):
-            with pytest.raises(ParameterError, match=r"diodes: found .* must be a model such as"):
+        for model in ("1N4149", "D(Is=1n) .include x", "D(Is)"):
+            with pytest.raises(ParameterError, match="must be a diode of the catalogue or a model such as"):
                 netlist(bench(SWITCHED["rectifier"], DRIVE), diodes=model)
         with pytest.raises(ParameterError, match="resistor has no bridge"):
             netlist(bench(LINEAR["resistor"], DRIVE), diodes="D(Is=1n)")

@@ -294,7 +294,7 @@ def export(
     ] = None,
     diodes: Annotated[
         str | None,
-        typer.Option(metavar="MODEL", help="Diode model for the bridge, such as 'D(Is=2.5n N=1.75 Rs=0.57)'."),
+        typer.Option(metavar="MODEL", help="Diode model for the bridge, such as BAT54 or 'D(Is=2.5n N=1.75 Rs=0.57)'."),
     ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Run it in ngspice and print both results; exit status 1 if they differ.")

@@ -241,7 +241,7 @@ class Drafting:
         except ParameterError as error:  # parts that the study's tables give do not go together in this kind
             self.left_out.append(f"{cls.kind}: {error}")
             return []
-        smoothing = self._smoothing if isinstance(shunt, Bridge) else None
+        smoothing = self._smoothing if isinstance(shunt, Bridge) and not shunt.tracks else None
         return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
     @property
@@ -267,11 +267,11 @@ class Drafting:
                 return values, (note,)
             return values, ()
         values, notes = {}, []
-        if issubclass(cls, Bridge):
+        if issubclass(cls, Bridge) and not cls.tracks:
             load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
-        parts = [name for name in DIODE if name in cls.__dataclass_fields__]
+        parts = [name for name in DIODE if name in cls.__dataclass_fields__ and name != "diode_curve"]  # no number
         if parts:
             found = {name: self._device(name, 0.0) for name in parts}
             values |= {name: value for name, (value, _) in found.items()}

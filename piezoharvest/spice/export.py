@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from typing import Literal
 
+from piezoharvest.description.catalogue.parts import parts
 from piezoharvest.description.excitation import Excitation, Tones
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
@@ -79,8 +80,9 @@ def export_spice(
         Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run. Zero: that
         of the shunt.
     diodes : str, optional
-        SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)"; by default they are ideal with a drop. The
-        run is then as long as one from rest, since such diodes have another steady state.
+        SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)", or a name of the catalogue, as "BAT54"; by
+        default they are ideal with a drop. The run is then as long as one from rest, since such diodes have another
+        steady state.
     dialect : str, optional
         For one of the programs alone, with its own options; by default for both.
     tolerance : float
@@ -134,8 +136,12 @@ def _diode_model(model: str | None, shunt: Shunt) -> str | None:
         return None
     if not isinstance(shunt, Bridge):
         raise ParameterError("diodes", f"found a model of diodes, but {shunt.kind} has no bridge")
+    if model in parts("diode"):
+        names = {"IS": "saturation_current", "N": "emission", "RS": "series_resistance"}
+        return "D(" + " ".join(f"{key}={number(parts('diode')[model][name])}" for key, name in names.items()) + ")"
     if not DIODE_MODEL.fullmatch(model.strip()):
-        raise ParameterError("diodes", f"found {model!r}, must be a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'")
+        known = "a diode of the catalogue or a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'"
+        raise ParameterError("diodes", f"found {model!r}, must be {known}")
     return " ".join(model.split())
 
 

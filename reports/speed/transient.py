@@ -92,8 +92,8 @@ def recorded(sizes: Sizes) -> dict:
 
 def alone(case: Case, sizes: Sizes) -> dict:
     """The engine by itself on a periodic study, without alternatives to compare it with."""
-    periods = sizes.timed_periods // 5
-    seconds, set_up = engine.time_run(case, periods * PERIOD, sizes.repeats, 1 / periods)
+    periods = max(1, sizes.timed_periods // 50)  # a millisecond, in which the core is often left alone
+    seconds, set_up = engine.time_run(case, periods * PERIOD, 5 * sizes.repeats, 1 / periods)
     events = engine.events(case, periods * PERIOD) / periods
     return {
         "case": case.name, "title": case.title, "seconds": seconds.median, "least_seconds": seconds.least,

@@ -390,6 +390,62 @@ class TestImpedances:
         text = '"Date","2024/03/01"\n"No.","FREQ[Hz]","Z[ohm]","PHASE[deg]"\n' + "\n".join(rows) + "\n"
         self.same(tmp_path, "run.csv", text, rtol=1e-8)
 
+    def pairs(self):
+        """Pairs of quantities as meters show them, by their definitions in series and in parallel.
+
+        Above its resonance a capacitor shows as one below zero, with a loss factor below zero.
+        """
+        omega, z, y = 2 * np.pi * self.FREQUENCY, self.OHM, 1 / self.OHM
+        of_capacitor = z.real / -z.imag
+        cs, cp, ls, lp = -1 / (omega * z.imag), y.imag / omega, z.imag / omega, -1 / (omega * y.imag)
+        series = {"Cs(F)": cs, "Ls(H)": ls, "Rs(Ohm)": z.real, "R(Ohm)": z.real, "X(Ohm)": z.imag}
+        parallel = {"Cp(F)": cp, "Lp(H)": lp, "Rp(Ohm)": 1 / y.real, "G(S)": y.real, "B(S)": y.imag}
+        polar = {"|Y|(S)": np.abs(y), "theta-y(deg)": np.angle(y, deg=True)}
+        return {**series, **parallel, **polar, "D": of_capacitor, "Q": 1 / of_capacitor}
+
+    @pytest.mark.parametrize(
+        "names",
+        ["Cp(F) D", "Cp(F) Q", "Cp(F) G(S)", "Cp(F) Rp(Ohm)", "Cs(F) D", "Cs(F) Q", "Cs(F) Rs(Ohm)", "Lp(H) D",
+         "Lp(H) Q", "Lp(H) G(S)", "Lp(H) Rp(Ohm)", "Ls(H) D", "Ls(H) Q", "Ls(H) Rs(Ohm)", "G(S) B(S)", "R(Ohm) X(Ohm)",
+         "|Y|(S) theta-y(deg)"],
+    )  # fmt: skip
+    def test_every_pair_of_an_analyser(self, tmp_path, names):
+        """As an E4990A writes them, and as an LCR meter does with units in brackets."""
+        columns = {name: self.pairs()[name] for name in names.split(" ")}
+        if names.startswith("L"):  # of a coil, whose reactance has the other sign
+            columns |= {name: -columns[name] for name in ("D", "Q") if name in columns}
+        head = "!Agilent Technologies,E4990A,MY521012345,A.02.10\n!Date: Fri Apr 03 13:41:16 2015\n"
+        text = head + self.e4990a({f"{name}-data": values for name, values in columns.items()})
+        self.same(tmp_path, "e4990a.csv", text, rtol=1e-8)
+        brackets = [name.replace("(", "[").replace(")", "]") for name in columns]
+        titles = [f"{name.partition('[')[0].upper()}{''.join(name.partition('[')[1:])}" for name in brackets]
+        points = enumerate(zip(self.FREQUENCY, *columns.values(), strict=True))
+        rows = [",".join(f'"{x:.12E}"' for x in (n, *values)) for n, values in points]
+        head = '"Date","2024/03/01"\n' + ",".join(f'"{name}"' for name in ("No.", "FREQ[Hz]", *titles)) + "\n"
+        self.same(tmp_path, "meter.csv", head + "\n".join(rows) + "\n", rtol=1e-8)
+
+    def test_admittance_of_a_bode_100(self, tmp_path):
+        columns = {"Real (S)": (1 / self.OHM).real, "Imaginary (S)": (1 / self.OHM).imag}
+        names = ";".join(["Frequency (Hz)", *(f'"Trace 1: Admittance: {name}"' for name in columns)])
+        rows = [";".join(f"{x:.17g}" for x in row) for row in zip(self.FREQUENCY, *columns.values(), strict=True)]
+        self.same(tmp_path, "run.csv", "\n".join([names, *rows]) + "\n", rtol=1e-12, encoding="utf-8-sig")
+
+    def test_pairs_in_columns_of_their_default_names(self, tmp_path):
+        rows = zip(self.FREQUENCY, self.pairs()["Cp(F)"], self.pairs()["D"], strict=True)
+        lines = [
+            "frequency_Hz,parallel_capacitance_F,loss_factor",
+            *(",".join(f"{x:.15g}" for x in row) for row in rows),
+        ]
+        self.same(tmp_path, "run.csv", "\n".join(lines) + "\n", rtol=1e-9)
+
+    def test_pairs_by_channels(self, tmp_path):
+        """Named, with units of the user's own, beside a column that would make another pair."""
+        rows = zip(self.FREQUENCY, 1e9 * self.pairs()["Cp(F)"], self.pairs()["D"], 0 * self.FREQUENCY, strict=True)
+        lines = ["f,c,loss,Q", *(",".join(f"{x:.15g}" for x in row) for row in rows)]
+        channels = 'channels = { frequency = { column = 1 }, parallel_capacitance = { column = "c", unit = "nF" }, '
+        channels += 'loss_factor = { column = "loss" } }'
+        self.same(tmp_path, "run.csv", "\n".join(lines) + "\n", rtol=1e-9, channels=channels)
+
     def test_a_phase_without_a_unit_is_not_taken_for_radians(self, tmp_path):
         rows = "".join(f"{f},{abs(z)},{np.angle(z, deg=True)}\n" for f, z in zip(self.FREQUENCY, self.OHM, strict=True))
         (tmp_path / "run.csv").write_text(f"Frequency,|Z|,Phase\n{rows}")

@@ -20,30 +20,28 @@ MOST_VOLTS = 1e6  # of a capacitor at the beginning: beyond it the engine finds 
 
 @dataclass(frozen=True, kw_only=True)
 class Bridge(Shunt):
-    """Diodes in front of a capacitor with a load or of a constant voltage; a full bridge, two of them in every path.
+    """Diodes in front of a smoothing capacitor with a load, or of a constant voltage. By default a full bridge.
 
-    A diode that conducts drops `diode_drop` and `diode_resistance` times its current, and what a table `diode_curve`
-    has at that current besides. It conducts backwards, too, as a conductance `diode_leakage` beside it. In a full
-    bridge the dc side lies halfway between the leads, by symmetry, so that these are one such conductance across the
-    leads and one across the dc side; `dc_leakage` adds to the latter. A constant dc voltage holds against both, and
-    what that takes is not counted.
+    A conducting diode drops `diode_drop` plus `diode_resistance` times its current; a blocking one leaks as the
+    conductance `diode_leakage`. In a full bridge the dc side lies, by symmetry, halfway between the electrodes, so the
+    leakage of all four diodes is one such conductance across the electrodes and one across the dc side, to which
+    `dc_leakage` adds. The power that maintains a constant dc voltage against this leakage is not counted.
 
-    Circuits with other diodes change `diodes`, the number of them in a path, and `level`, what their voltages stop at.
-    The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
+    Circuits with other diodes change `diodes`, the number in a path, and `level`, the voltage at which they stop. The
+    name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
-    A smoothing capacitor may have a resistance in series (ESR), `smoothing_resistance`; its leakage is `dc_leakage`.
-    The dc voltage is then that of the capacitor inside, whose mean over a period is the same; a supply has the one
-    outside, which falls by what it draws.
+    A smoothing capacitor may have a series resistance (ESR), `smoothing_resistance`; its leakage is `dc_leakage`. The
+    dc voltage is then that of the capacitor without this resistance, whose mean over a period is the same. A supply
+    sees the voltage outside, which is lower by the resistance times the current drawn.
 
-    A smoothing capacitor may begin at `initial_dc_voltage`, and with a table `storage` it feeds a supply, beside the
-    load resistance or in its place (`piezoharvest.description.shunts.stored`).
+    A smoothing capacitor may start at `initial_dc_voltage`. With a table `storage`, it feeds a supply in addition to or
+    instead of the load resistance (`piezoharvest.description.shunts.stored`).
 
     Raises
     ------
     ParameterError
         Neither a smoothing capacitance with a load nor a dc voltage is given, or both; the initial voltage is above
-        that at which the storage is protected; a smoothing resistance is given where it has no part; or a curve of the
-        diodes together with a storage.
+        that at which the storage is protected; or a smoothing resistance is given where it has no part.
     """
 
     diodes: ClassVar[int] = 2

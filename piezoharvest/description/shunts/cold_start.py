@@ -21,15 +21,16 @@ REACHED = 1e-9  # of the voltage to start at, within which it is reached: a capa
 
 @dataclass(frozen=True, kw_only=True)
 class StartedSwitch(SynchronisedShunt, Bridge):
-    """Bridge beside a synchronised switch, which the smoothing capacitor may have to power.
+    """Bridge in parallel with a synchronised switch, whose control the smoothing capacitor may power (cold start).
 
-    With a `start_voltage` no action happens before the dc voltage has reached it, and none after it has fallen to
-    `stop_voltage` until it is reached again: a cold start. What the control takes is `control_power`.
+    With a `start_voltage`, the switch does not act until the dc voltage has reached it. Once the dc voltage has fallen
+    to `stop_voltage`, the switch waits for the start voltage again. The control draws `control_power`.
 
     Raises
     ------
     ParameterError
-        One of the two is given without its capacitor, or the second without the first or not below it.
+        One of the two voltages is given without a smoothing capacitor, or the stop voltage without a start voltage or
+        not below it.
     """
 
     start_voltage: float | None = quantity(

@@ -45,17 +45,17 @@ class _Solution(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SpiceCircuit(Shunt):
-    """Netlist of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
+    """Circuit from a SPICE netlist of R, L, C, K, D, S, V, I and subcircuits, all of them piecewise linear.
 
-    Diodes follow LTspice's law with Ron, Roff and Vfwd; switches close above Vt + Vh and open below Vt - Vh of the
-    voltage that controls them. Sources are constant. Inductors that are coupled are states in the combinations of
-    their currents that store energy by themselves.
+    Diodes follow LTspice's law with Ron, Roff and Vfwd; switches close above a control voltage of Vt + Vh and open
+    below Vt - Vh. Sources are constant. Coupled inductors have as states the combinations of their currents whose
+    energies are independent of each other.
 
     Raises
     ------
     ParameterError
-        Something in the netlist is not understood or not piecewise linear, with its line, or the circuit has no
-        solution.
+        Part of the netlist is not understood or not piecewise linear (the message names its line), or the circuit has
+        no solution.
     """
 
     kind: ClassVar[str] = "spice"

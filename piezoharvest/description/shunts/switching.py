@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, Self, cast
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Product, Switch
+from piezoharvest.description.circuit import Port, Product, Row, Switch
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
@@ -16,9 +17,9 @@ from piezoharvest.description.shunts.base import Shunt
 class SynchronisedShunt(Shunt):
     """A shunt whose switch acts at the extrema of sum T_i x_i, late or early by a lag.
 
-    `time_lag` is also what a comparator's delay is. What drives the switch takes `gate_energy` each time when it closes
-    or goes on to its next stage, and its comparator and clock take `control_power` all the time: both are lost, and
-    what is harvested is net of them, negative where they take more than the circuit gives.
+    The delay of a comparator is a `time_lag`. Driving the switch takes `gate_energy` each time it closes or goes on to
+    its next stage; comparator and clock take `control_power` continuously. Both are losses, and harvested power is net
+    of them: negative if they take more than the circuit delivers.
     """
 
     phase_lag: float = quantity(
@@ -92,6 +93,17 @@ class SwitchedLoop(Shunt):
     def loop(self, capacitance: float) -> tuple[Any, Any]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
         raise NotImplementedError
+
+    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace) -> Row:
+        """Current in the loop: the state `current` while closed, zero while open."""
+        return z.current if closed else 0.0 * port.one
+
+    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
+        """L di/dt + R i = drive while closed; the current stays zero while open."""
+        if not closed:
+            return dz.current
+        inductance, resistance = self.loop(port.capacitance)
+        return inductance * dz.current + resistance * z.current - drive
 
     def with_switch(self, inductance: Any, resistance: Any, capacitance: Any) -> Any:
         """Resistance (ohm) of the loop: that of the coil and that of the switch.
@@ -198,15 +210,16 @@ class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
 
 @dataclass(frozen=True, kw_only=True)
 class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
-    """A switch that empties the electrodes at the extrema: at once, or through a coil if `inductance` is given.
+    """A switch that discharges the electrodes at the extrema, instantly or, with an `inductance`, through a coil.
 
-    With a coil it stays closed until the loop alone would have emptied them, a quarter of a swing, longer or shorter by
-    `on_time_error`, which is of no effect without one.
+    With a coil it stays closed until the loop alone would have emptied the electrodes, a quarter of a period, longer or
+    shorter by `on_time_error`, which has no effect without a coil.
 
     Raises
     ------
     ParameterError
-        An inductance is given without a quality, or a quality, a switch resistance, a core or a winding without one.
+        An inductance is given without a quality, or a quality, a switch resistance, a core or a winding without an
+        inductance.
     """
 
     inductance: float | None = quantity(

@@ -11,6 +11,7 @@ from piezoharvest.description.parameters import Component, ParameterError, descr
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers.units import ratio_of
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
+from piezoharvest.records.reading.impedance_forms import QUANTITIES
 from piezoharvest.study import build, build_shunt, unknown
 
 Level = Literal["default", "campaign", "record"]
@@ -27,6 +28,7 @@ RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
     "impedance": {
         "frequency": "frequency_Hz", "response": "impedance", "real": "resistance_ohm", "imaginary": "reactance_ohm",
         "magnitude": "impedance_ohm", "phase": "phase_rad", "coherence": "coherence",
+        **{part: quantity.column for part, quantity in QUANTITIES.items()},
     },
 }  # fmt: skip
 
@@ -211,4 +213,5 @@ def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:
     """SI unit of each quantity by which a frequency response may be given."""
     ratio = "ohm" if isinstance(entry, ImpedanceEntry) else ratio_of(UNITS[entry.output], UNITS[entry.input])
     values = dict.fromkeys(("response", "real", "imaginary", "magnitude"), ratio)
-    return {"frequency": "Hz", **values, "phase": "rad", "coherence": ""}
+    more = {part: quantity.unit for part, quantity in QUANTITIES.items()} if isinstance(entry, ImpedanceEntry) else {}
+    return {"frequency": "Hz", **values, "phase": "rad", "coherence": "", **more}

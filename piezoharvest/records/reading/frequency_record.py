@@ -16,13 +16,14 @@ from piezoharvest.records.finding import Finding, counted, runs, shifted
 from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files
+from piezoharvest.records.reading.impedance_forms import FORMS, QUANTITIES, impedance
 from piezoharvest.records.reading.known_columns import known_column
 from piezoharvest.records.record import FrequencyRecord
 
 _TURN = 6.5  # rad: a phase between -2 pi and 2 pi, with rounding
 _HALF_TURN_IN_DEGREES = 361.0  # of a phase from -360 to 360
 # The forms in which a response may be given; the first that is present is used.
-_FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
+_FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"), *FORMS)
 
 
 def read_frequency_record(
@@ -142,9 +143,13 @@ def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     """Complex response from the form in which it is given."""
     if "response" in parts:
         return parts["response"].astype(complex)
-    if "real" in parts:
+    if "imaginary" in parts:
         return parts["real"] + 1j * parts["imaginary"]
-    return parts["magnitude"] * np.exp(1j * parts["phase"])
+    if "magnitude" in parts:
+        return parts["magnitude"] * np.exp(1j * parts["phase"])
+    found = impedance(parts)
+    assert found is not None  # one of the forms was found
+    return found
 
 
 def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, ChannelSource]]:
@@ -163,14 +168,14 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
                 found[part] = [known]
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
         found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
-    given = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
+    named = {form: sum(part in sources for part in form) for form in _FORMS}
+    given = sorted((form for form in _FORMS if named[form]), key=lambda form: -named[form]) or _FORMS
     form = next((form for form in given if all(part in found for part in form)), None)
     if "frequency" not in found or form is None:
         what = "frequency" if "frequency" not in found else "response"
-        defaults = ", ".join(RESPONSE_COLUMNS[entry.kind].values())
-        message = (
-            f"missing column, the file has {shown(reader.names)}; expected are {defaults}, or names in records.channels"
-        )
+        usual = [name for part, name in RESPONSE_COLUMNS[entry.kind].items() if part not in QUANTITIES]
+        expected = f"expected are {', '.join(usual)}, or names in records.channels"
+        message = f"missing column, the file has {shown(reader.names)}; {expected}"
         raise CampaignError(files.folder / entry.file, what, message, channel=what)
     kept = {part: columns for part, columns in found.items() if part in ("frequency", "coherence", *form)}
     return kept, used

@@ -19,6 +19,7 @@ from piezoharvest.readers import Reader, ReadError, open_reader
 from piezoharvest.readers.units import ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
+from piezoharvest.records.reading.impedance_forms import QUANTITIES
 from piezoharvest.records.reading.known_columns import known_column
 
 # Names without their units, in lower case; the first channel that fits is taken.
@@ -106,8 +107,10 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
         return None
     count = len(reader.read([frequency])[frequency])
     units = [unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
-    named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "real", "magnitude")}
-    if named & set(reader.names) or any(known_column(reader, part) for part in ("real", "magnitude")):
+    # Names of other quantities, as g, b and y, may also be those of a channel.
+    telling = ("real", "magnitude", *(part for part, quantity in QUANTITIES.items() if quantity.unit in ("F", "H")))
+    named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "conductance", "admittance", *telling)}
+    if named & set(reader.names) or any(known_column(reader, part) for part in telling):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
     columns: dict[str, str | int] = {} if "frequency_Hz" in reader.names else {"frequency": frequency}

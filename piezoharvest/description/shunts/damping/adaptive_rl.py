@@ -18,18 +18,18 @@ RANGE = 2.0  # largest inductance over that of the beginning, and that over the 
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveRL(Shunt):
-    """Synthetic coil whose inductance L adapts itself, in series with a resistance or beside it, across the electrodes.
+    """Synthetic inductance that adapts itself to a drifting resonance, in series or parallel with a resistance.
 
-    At the electrical resonance, omega^2 L C = 1, the current i of the coil is a quarter of a period away from the
-    current of the strain, sum T_i x_i': the mean of their product is zero there, and its sign tells to which side L is
-    off. With g = L_0/L, L_0 being the `inductance` at the beginning,
+    At the electrical resonance, omega^2 L C = 1, the coil's current i and the strain current sum T_i x_i' are in
+    quadrature: the mean of their product is zero, and its sign tells whether L is too large or too small. With g =
+    L_0/L, where L_0 is the `inductance` at the start, the circuit solves
 
         L_0 i' = g (voltage across the coil)      averaging_time p' = i sum T_i x_i' - p      g' = adaptation_rate p
 
-    while L is within its limits; at a limit it stays until p changes its sign. The multiplier of both signals is that
-    of the source; its filter is one of first order. As p is a square of the amplitude, so is the speed of adaptation.
+    while L is within its limits. At a limit, L stays there until p changes sign. The multiplier is that of the source,
+    its filter is of first order. As p is proportional to the square of the amplitude, so is the speed of adaptation.
 
-    What the synthetic coil takes counts as energy that a source delivers, negative; the resistance is the load.
+    Power drawn by the synthetic coil is counted as negative power of a source. The resistance is the load.
 
     Raises
     ------

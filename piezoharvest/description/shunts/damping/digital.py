@@ -19,17 +19,19 @@ WHOLE = 1e-9  # of a sample time: a delay this near to whole ones is a whole num
 
 @dataclass(frozen=True, kw_only=True)
 class Digital(Shunt):
-    """Admittance numerator(s)/denominator(s), descending powers, by a digital filter and a current source.
+    """Digital (synthetic) impedance: a sampled voltage, a digital filter and a current source.
 
-    Every `sample_time` the voltage is read, rounded to `resolution`, and filtered (bilinear transform without
-    prewarping: s = 2/T (z - 1)/(z + 1)). The current that follows, within `saturation`, is imposed `delay` later and
-    held for a sample time. What the current source takes counts as energy that it delivers, negative. The clock begins
-    in the middle of the longer of its two parts, from a sample to the next current and from there to the next sample.
+    The admittance is numerator(s)/denominator(s), with coefficients in descending powers of s. Every `sample_time` the
+    voltage is read, rounded to `resolution` and filtered (bilinear transform without prewarping, s = 2/T (z - 1)/(z +
+    1)). The resulting current, limited to `saturation`, is applied after `delay` and held for one sample time. Power
+    drawn by the current source is counted as negative power of a source. The clock starts in the middle of the longer
+    of two intervals: from a sample to the next change of the current, or from there to the next sample.
 
     Raises
     ------
     ParameterError
-        The admittance is improper, has too high an order or a pole where the filter has none, or the delay is too long.
+        The admittance is improper, its order is too high, it has a pole where the filter has none, or the delay is too
+        long.
     """
 
     kind: ClassVar[str] = "digital"

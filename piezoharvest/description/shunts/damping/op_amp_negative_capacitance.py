@@ -15,14 +15,13 @@ from piezoharvest.description.shunts.bridge import sign_of
 
 @dataclass(frozen=True, kw_only=True)
 class OpAmpNegativeCapacitance(Shunt):
-    """Negative impedance converter across the electrodes, beside a load resistance.
+    """Negative capacitance made with an operational amplifier, in parallel with a load resistance.
 
-    An amplifier of the gain 2 (two equal resistors, which take nothing here) drives the far end of a `capacitance`, so
-    that its current is that of -`capacitance`. With the gain-bandwidth product f_t the output follows as
-    u' = 2 pi f_t (v - u/2): the current lags, which is a negative conductance of about
-    4 omega^2 capacitance/(2 pi f_t). The output stays within `saturation`; while it is held there the capacitance is a
-    positive one.
-    What the amplifier delivers is the power of a source; its own supply is not counted.
+    An amplifier with a gain of 2 (set by two equal resistors, whose power is neglected) drives the far terminal of a
+    `capacitance`, which then draws the current of -`capacitance`. With the gain-bandwidth product f_t, the output
+    follows u' = 2 pi f_t (v - u/2). The current therefore lags, which is equivalent to a negative conductance of about
+    4 omega^2 capacitance/(2 pi f_t). The output is limited to `saturation`; while it is saturated, the capacitance acts
+    as a positive one. The power delivered by the amplifier is counted as that of a source; its supply current is not.
     """
 
     kind: ClassVar[str] = "op_amp_negative_capacitance"

@@ -11,7 +11,10 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SSDI(WoundSwitch):
-    """Open electrodes whose voltage is inverted through an inductance at every extremum: dry-friction-like damping."""
+    """Synchronised switch damping on an inductor: at every extremum a coil inverts the electrode voltage.
+
+    Between the extrema the electrodes are open. The inverted voltage opposes the velocity, as dry friction does.
+    """
 
     kind: ClassVar[str] = "ssdi"
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Bassaler, Proc. SPIE 3989, 288-299, 2000"

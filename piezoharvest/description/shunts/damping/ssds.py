@@ -12,10 +12,12 @@ from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SSDS(EmptyingSwitch, WoundCoil):
-    """At every extremum the electrodes are shorted for an instant: the voltage goes to zero, its energy is lost.
+    """Synchronised switch damping on a short circuit: at every extremum the electrodes are discharged.
 
-    With the `inductance` and `quality` of a real path the switch stays closed until that alone would have emptied the
-    electrodes; the current that it then cuts is lost. Closed for half a swing instead, the same path is SSDI.
+    Without an `inductance` this happens instantly, and the energy is lost. With the `inductance` and `quality` of a
+    real discharge path, the switch stays closed until that path alone would have emptied the electrodes; the current
+    that then still flows is cut off and its energy lost. If the switch stayed closed for half a period of the loop, the
+    circuit would be SSDI.
     """
 
     kind: ClassVar[str] = "ssds"

@@ -13,9 +13,9 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SSDV(WoundSwitch):
-    """SSDI with a source in the loop that enlarges the inverted voltage, and delivers energy for it.
+    """SSDI with a voltage source in the loop, which increases the inverted voltage and delivers the energy for it.
 
-    At a maximum of sum T_i x_i the voltage is at its minimum: the source then drives it further up.
+    At a maximum of sum T_i x_i the voltage is at its minimum; the source then drives it upwards.
     """
 
     kind: ClassVar[str] = "ssdv"

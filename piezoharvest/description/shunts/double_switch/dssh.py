@@ -13,11 +13,11 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class DSSH(WoundSwitch):
-    """A series SSHI charges an intermediate capacitor, whose energy then goes to the load at once.
+    """Double synchronised switch harvesting: series SSHI into an intermediate capacitor, then into the load.
 
-    The first switch stays closed for half a damped period of the coil with C, which is longer than the swing with the
-    intermediate capacitor in line: the diodes block where the current ends. When it opens, a share `efficiency` of the
-    intermediate capacitor's energy reaches the load, whatever that is.
+    The first switch stays closed for half a damped period of the coil with C. This is longer than the swing with the
+    intermediate capacitor in series, so the diodes block when the current ends. When the switch opens, a fraction
+    `efficiency` of the intermediate capacitor's energy reaches the load instantly, whatever the load is.
     """
 
     kind: ClassVar[str] = "dssh"

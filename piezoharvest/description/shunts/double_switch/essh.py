@@ -18,13 +18,14 @@ ASSUMED_SHARE = 1 / 400  # of the period, in which the second coil empties its c
 
 @dataclass(frozen=True, kw_only=True)
 class ESSH(DSSH):
-    """DSSH whose second switch leaves a share `residual` of the intermediate capacitor's voltage.
+    """DSSH whose second switch leaves a fraction `residual` of the intermediate capacitor's voltage.
 
-    When the first switch opens, the second one connects that capacitor to a coil of `second_inductance`, with
-    `second_quality` = sqrt(L_2/C_int)/R_2 beside it, for the time in which the voltage falls to `residual` of its value
-    where the coil has no losses: acos(residual) sqrt(L_2 C_int). When it opens, a share `efficiency` of the coil's
-    energy reaches the load. What is left raises the voltage at which the next charge is taken. With a residual of 0 it
-    is DSSH with a real second coil. The second coil may have a core loss and a self-resonance of its own.
+    When the first switch opens, the second one connects the intermediate capacitor C_int to a second coil, with the
+    quality `second_quality` = sqrt(L_2/C_int)/R_2. It stays closed for acos(residual) sqrt(L_2 C_int), in which a coil
+    without losses would bring the voltage down to `residual` times its initial value. When it opens, a fraction
+    `efficiency` of the coil's energy reaches the load. The remaining voltage raises the one at which the next charge is
+    extracted. With `residual = 0`, the circuit is DSSH with a real second coil. The second coil may have a core loss
+    and a self-resonance of its own.
     """
 
     kind: ClassVar[str] = "essh"

@@ -9,10 +9,10 @@ from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 @dataclass(frozen=True, kw_only=True)
 class Battery(Rectifier):
-    """Bridge into a battery: a constant `dc_voltage` behind an internal resistance.
+    """Diode bridge that charges a battery: a constant `dc_voltage` behind an internal resistance.
 
-    What charges the battery is harvested; its internal resistance is a loss, and lies in the path of the diodes. The
-    voltage of the dc side is that of the battery at rest. It is given, so that a design does not tune it.
+    Power that charges the battery is harvested; the internal resistance, in series with the diodes, is a loss. The
+    voltage of the dc side is the battery's open-circuit voltage. It is a given value, which a design does not tune.
 
     Raises
     ------

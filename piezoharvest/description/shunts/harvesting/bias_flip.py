@@ -20,14 +20,14 @@ STIFFNESS = 1e5
 
 @dataclass(frozen=True, kw_only=True)
 class BiasFlip(WoundSwitch, StagedFlip):
-    """Bridge, and a coil through which the voltage swings in `steps` half periods about bias voltages.
+    """Parallel synchronised bias-flip: the voltage is inverted in `steps` half swings about bias voltages.
 
-    A step lasts for half a damped period of its own loop, longer or shorter by `on_time_error`.
-
-    Step k and the last but k - 1 have the same capacitor, with opposite signs; the middle one of an odd number none.
-    A capacitor takes charge in the first of its steps and gives it back in the other, so that its voltage settles where
-    all steps are equal. Steps that invert to q each then invert to q_n, (1 - q_n)/(1 + q_n) = (1 - q)/(1 + q)/n.
-    One step is a parallel SSHI; `inductance` and `quality` are those of the coil with C.
+    Each step lasts for half a damped period of its own loop, longer or shorter by `on_time_error`. Step k and step n +
+    1 - k use the same bias capacitor with opposite signs; with an odd number of steps the middle one has none. A
+    capacitor is charged in the first of its steps and discharged in the second, so its voltage settles where all steps
+    are equal. If a single step inverts the fraction q of the voltage, n steps invert q_n, where (1 - q_n)/(1 + q_n) =
+    (1 - q)/(1 + q)/n. With one step the circuit is a parallel SSHI. `inductance` and `quality` are those of the coil
+    with C.
     """
 
     kind: ClassVar[str] = "bias_flip"

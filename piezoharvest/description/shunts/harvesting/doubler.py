@@ -15,16 +15,16 @@ from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 @dataclass(frozen=True, kw_only=True)
 class Doubler(Rectifier):
-    """Two diodes and two capacitors in series, whose midpoint is one lead; each capacitor is `smoothing_capacitance`.
+    """Full-wave voltage doubler: two diodes charge two capacitors in series, whose midpoint is one electrode.
 
-    The dc side is both together, with twice the voltage of a bridge and a best load of four times that of one. A
-    constant `dc_voltage` lies halves on both. The states are the sum and the difference of the two voltages. Each
-    capacitor has the `smoothing_resistance`.
+    Each capacitor has the capacitance `smoothing_capacitance` and the `smoothing_resistance`. The dc voltage is that of
+    both capacitors together, twice that of a bridge, and the best load resistance is four times as large. A constant
+    `dc_voltage` is divided equally between both. The states are sum and difference of the two voltages.
 
     Raises
     ------
     ParameterError
-        Diodes leak, or a supply is fed, beside a smoothing resistance, with which no formula is written here.
+        With a smoothing resistance, diodes leak or a supply is fed, for which the circuit has no equations.
     """
 
     kind: ClassVar[str] = "doubler"

@@ -14,11 +14,11 @@ from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 @dataclass(frozen=True, kw_only=True)
 class HalfWave(Rectifier):
-    """A series diode charges the dc side while the voltage is positive; another one takes the negative half wave.
+    """Half-wave rectifier: a series diode charges the dc side in one half period, another conducts in the other.
 
-    Without the second one the capacitance of the electrodes would let no mean current pass. The source calls the
-    circuit a voltage doubler: with both diodes the dc voltage reaches twice that behind a bridge, and the best load is
-    four times as large.
+    Without the second diode, the capacitance of the electrodes would block any mean current. The source calls this
+    circuit a voltage doubler: the dc voltage reaches twice that behind a bridge, and the best load resistance is four
+    times as large.
     """
 
     kind: ClassVar[str] = "half_wave"

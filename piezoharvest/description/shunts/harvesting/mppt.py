@@ -17,16 +17,17 @@ from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 @dataclass(frozen=True, kw_only=True)
 class MPPT(Rectifier):
-    """Bridge at `fraction` times the voltage that its dc side has without a load, once the motion has settled then.
+    """Bridge with maximum power point tracking by a `fraction` of the open-circuit voltage.
 
-    That voltage is the peak of the open electrodes' less the drops of the diodes. To sample it, the converter is off
-    for a share `sampling_duty` of the time, in which nothing is harvested: that share of what the bridge delivers
-    counts as lost. The best fraction is a half where the circuit leaves the motion as it is.
+    The open-circuit voltage is that of the dc side without a load once the motion has settled: the peak of the open
+    electrodes' voltage less the diode drops. To sample it, the converter is off for a fraction `sampling_duty` of the
+    time; this fraction of the power that the bridge delivers is counted as lost. The best `fraction` is one half if the
+    circuit does not affect the motion.
 
     Raises
     ------
     ParameterError
-        Anything of a dc side is given.
+        Any part of a dc side is given.
     """
 
     kind: ClassVar[str] = "mppt"
@@ -40,6 +41,10 @@ class MPPT(Rectifier):
     sampling_duty: float = quantity(
         "", "fraction of the time that is used for sampling", default=0.0, at_least=0, below=1
     )
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        return {"fraction": 0.5}, "half of the open-circuit voltage, all the time"
 
     def _check_dc_side(self) -> None:
         keys = ("smoothing_capacitance", "load_resistance", "dc_voltage", "storage", "initial_dc_voltage")

@@ -13,9 +13,9 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class ParallelSSHI(WoundSwitch, StartedSwitch):
-    """Rectifier with a switched inductance across the electrodes that inverts their voltage at every extremum.
+    """Rectifier with a switched inductor across the electrodes, which inverts their voltage at every extremum.
 
-    The bridge and the inductance may conduct at the same time, as they do when the switch acts early or late.
+    Bridge and inductor may conduct at the same time, as they do when the switch acts early or late.
     """
 
     kind: ClassVar[str] = "parallel_sshi"

@@ -13,10 +13,11 @@ from piezoharvest.description.shunts.switching import InductiveSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SCSECE(InductiveSwitch, Extraction):
-    """SECE, after which the electrodes stay shorted for `short_time`: with `phase_lag` the two knobs of its tuning.
+    """SECE whose electrodes stay short-circuited for `short_time` after each extraction.
 
-    The longer the short, the less stiff is the transducer: between its open- and its short-circuit resonance. The
-    short is made by the loop's resistance without its coil. FTSECE is tuned by the same phase.
+    The duration of the short circuit and `phase_lag` tune the circuit: the longer the short circuit, the lower the
+    effective stiffness of the transducer, between its open-circuit and its short-circuit value. The current of the
+    short circuit flows through the loop's resistance, without the coil. FTSECE is tuned in the same way by its phase.
     """
 
     kind: ClassVar[str] = "sc_sece"

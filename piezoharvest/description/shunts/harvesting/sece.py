@@ -12,17 +12,17 @@ from piezoharvest.description.shunts.switching import EmptyingSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SECE(EmptyingSwitch, Extraction):
-    """At every extremum the charge is extracted: voltage to zero, a share of the energy to the load.
+    """Synchronous electric charge extraction: at every extremum the electrodes' charge is transferred to the load.
 
-    Without an `inductance` this happens at once. With `diode_drop` V_d the charge passes two conducting diodes of the
-    bridge before the flyback converter: of the energy that leaves the electrodes, C V^2/2 from a voltage V, they take
-    2 V_d C V, and `efficiency` is the share of the rest. The switch opens when the electrodes are empty, as without
-    drops. Below V = 4 V_d, where the drops would take more than there is, the charge is taken all the same and nothing
-    is harvested.
+    Without an `inductance` this happens instantly. With `diode_drop` V_d, the charge passes two conducting diodes of
+    the bridge before the flyback converter: of the energy C V^2/2 at a voltage V they dissipate 2 V_d C V, and a
+    fraction `efficiency` of the rest is harvested. The switch opens when the electrodes are empty. Below V = 4 V_d,
+    where the drops would dissipate more than there is, the charge is extracted all the same and nothing is harvested.
 
-    With `inductance` and `quality` of the coil with C the switch stays closed until the loop alone would have emptied
-    the electrodes, longer or shorter by `on_time_error`; then the energy of the coil goes to the load. That error
-    and `diode_resistance` are of no effect without a coil. A `phase_lag` is the phase of phase-shifted SECE.
+    With the `inductance` and `quality` of the coil with C, the switch stays closed until the loop alone would have
+    emptied the electrodes, longer or shorter by `on_time_error`; the energy of the coil then goes to the load.
+    `on_time_error` and `diode_resistance` have no effect without a coil. With a `phase_lag`, this is phase-shifted
+    SECE.
     """
 
     kind: ClassVar[str] = "sece"

@@ -12,11 +12,11 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesSSHI(WoundSwitch, Bridge):
-    """Switch, inductance and rectifier in one loop: charge flows to the dc side only while the switch is closed.
+    """Switch, inductor and rectifier in series: charge flows to the dc side only while the switch is closed.
 
-    The leads are open but while the switch is closed: what its diodes conduct backwards then is left out, as it is
-    small beside what they take from the dc side all the time. If it is closed too long, the bridge blocks at zero
-    current until |v| exceeds the dc voltage again.
+    While the switch is open, so are the electrodes. Reverse leakage of the diodes between the electrodes is neglected,
+    as it is small compared with the leakage that discharges the dc side all the time. If the switch is closed too long,
+    the bridge blocks at zero current until |v| exceeds the dc voltage again.
     """
 
     kind: ClassVar[str] = "series_sshi"

@@ -12,12 +12,12 @@ from piezoharvest.description.shunts.real_coil import WoundSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class SICE(WoundSwitch, Extraction):
-    """The voltage is inverted at a minimum of sum T_i x_i, and at the maximum that follows its charge is extracted.
+    """Synchronous inversion and charge extraction: inversion at a minimum of sum T_i x_i, extraction at a maximum.
 
-    Extracted are then 2 (1 + q) V_oc instead of twice 2 V_oc a period by SECE: up to twice the energy. Both use a coil
-    of the same `inductance` and `quality`. The switch stays closed for half a damped period of the loop, or until it
-    would have emptied the electrodes, longer or shorter by `on_time_error` (with a value below zero: short-duration
-    switching; with a `phase_lag` phase-shifted switching).
+    The charge is extracted at 2 (1 + q) V_oc once a period, by SECE at 2 V_oc twice: up to twice the energy. Inversion
+    and extraction use coils of the same `inductance` and `quality`. The switch stays closed for half a damped period of
+    the loop, or until it would have emptied the electrodes, longer or shorter by `on_time_error`. A value below zero
+    gives short-duration switching, a `phase_lag` phase-shifted switching.
     """
 
     kind: ClassVar[str] = "sice"

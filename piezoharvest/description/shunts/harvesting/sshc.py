@@ -21,13 +21,13 @@ ASSUMED_CAPACITORS, ASSUMED_SHARE = 4, 1 / 100
 
 @dataclass(frozen=True, kw_only=True)
 class SSHC(StagedFlip):
-    """Bridge, and capacitors that take the charge of the electrodes at an extremum and give it back inverted.
+    """Synchronised switch harvesting on capacitors: capacitors take the charge at an extremum and return it inverted.
 
-    Of n capacitors, each is put across the electrodes for a phase, from the first to the last; then the electrodes are
-    shorted, and the capacitors follow with the other sign from the last to the first: 2 n + 1 phases of equal length.
-    `switch_resistance` is that of the closed path in every phase. Capacitors equal to C invert n/(n + 2) of the
-    voltage, much larger ones n/(n + 1). With one capacitor, in three phases, this is the flipping- or flying-capacitor
-    rectifier of Chen, Law, Mak, Ki & Martins (IEEE J. Solid-State Circuits 52(12), 3168-3180, 2017).
+    Each of the n capacitors is connected to the electrodes for one phase, from the first to the last. The electrodes
+    are then short-circuited, and the capacitors follow in reverse order with opposite sign: 2 n + 1 phases of equal
+    length. `switch_resistance` is the resistance of the closed path in every phase. Capacitors equal to C invert n/(n +
+    2) of the voltage, much larger ones n/(n + 1). With one capacitor, in three phases, this is the flipping- or
+    flying-capacitor rectifier of Chen, Law, Mak, Ki & Martins (IEEE J. Solid-State Circuits 52(12), 3168-3180, 2017).
     """
 
     kind: ClassVar[str] = "sshc"

@@ -13,11 +13,11 @@ from piezoharvest.description.shunts.linear.current_flowing import check_lengths
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentBlocking(LinearShunt):
-    """Branches of inductance and resistance in series with one blocking circuit for each of the other modes.
+    """Multi-branch shunt: each branch has inductor, resistor and one blocking circuit for each of the other modes.
 
-    A blocking circuit is an inductor and a capacitor side by side, in antiresonance at the frequency of its mode. That
-    of a mode is the same in all branches but the mode's own. A resistance includes the losses of its branch's coil;
-    `coil_quality` gives those of the blocking coils, as a resistance in series with each.
+    A blocking circuit is a parallel LC circuit with its antiresonance at the frequency of its mode. All branches but
+    the mode's own contain the same blocking circuit of that mode. The resistance of a branch includes the losses of its
+    coil; `coil_quality` gives those of the blocking coils, as a resistance in series with each.
     """
 
     kind: ClassVar[str] = "current_blocking"

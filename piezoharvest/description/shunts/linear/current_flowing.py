@@ -30,10 +30,10 @@ def check_lengths(shunt: LinearShunt, branches: int, wanted: Mapping[str, int]) 
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentFlowing(LinearShunt):
-    """Branches of inductance, resistance and capacitance in series, one for each mode, side by side.
+    """Multi-branch shunt of series RLC branches in parallel, one for each mode.
 
-    The inductor that makes a branch pass its mode's frequency and the one that resonates with the electrodes are one
-    part. A resistance includes the losses of its branch's coil.
+    The inductor that lets a branch pass the frequency of its mode and the one that resonates with the electrodes are
+    one part. The resistance of a branch includes the losses of its coil.
     """
 
     kind: ClassVar[str] = "current_flowing"

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class NegativeCapacitance(LinearShunt):
-    """Capacitance -C_n beside a resistance (parallel) or in one branch with it (series)."""
+    """Ideal negative capacitance -C_n in parallel or in series with a resistance."""
 
     kind: ClassVar[str] = "negative_capacitance"
     source: ClassVar[str] = "Forward, J. Spacecraft Rockets 16(1), 11-17, 1979; de Marneffe & Preumont, SMS 17, 2008"

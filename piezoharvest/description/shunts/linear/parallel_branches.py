@@ -8,9 +8,9 @@ from piezoharvest.description.shunts.linear.current_flowing import CurrentFlowin
 
 @dataclass(frozen=True, kw_only=True)
 class ParallelBranches(CurrentFlowing):
-    """A branch of inductance and resistance, and beside it branches of inductance, resistance and capacitance.
+    """Multi-branch shunt: a series RL branch for the lowest mode, in parallel with series RLC branches for others.
 
-    The first branch is that of the lowest mode. There is one capacitance less than there are branches.
+    There is one capacitance less than there are branches.
     """
 
     kind: ClassVar[str] = "parallel_branches"

@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.linear.coil import WoundShunt
 
 @dataclass(frozen=True, kw_only=True)
 class ParallelRL(WoundShunt):
-    """Inductance beside a resistance, across the electrodes.
+    """Inductor and resistor in parallel across the electrodes.
 
     Raises
     ------

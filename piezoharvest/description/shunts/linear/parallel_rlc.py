@@ -12,10 +12,10 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class ParallelRLC(LinearShunt):
-    """Inductance, resistance and capacitance side by side across the electrodes.
+    """Inductor, resistor and capacitor in parallel across the electrodes.
 
-    The capacitor's voltage is the electrodes' own; its current C dv/dt needs the derivative, and it is a state only for
-    its energy.
+    The capacitor's voltage is that of the electrodes. It is a state only for its energy, as its current C dv/dt follows
+    from the derivative of that voltage.
     """
 
     kind: ClassVar[str] = "parallel_rlc"

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class Resistor(LinearShunt):
-    """Load resistance across the electrodes."""
+    """Load resistor across the electrodes."""
 
     kind: ClassVar[str] = "resistor"
     source: ClassVar[str] = "Hagood & von Flotow, J. Sound Vib. 146(2), 243-268, 1991"

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts.linear.coil import WoundShunt
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesRL(WoundShunt):
-    """Inductance in series with a resistance, across the electrodes."""
+    """Inductor and resistor in series across the electrodes."""
 
     kind: ClassVar[str] = "series_rl"
     source: ClassVar[str] = "Hagood & von Flotow, J. Sound Vib. 146(2), 243-268, 1991"

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesRLC(LinearShunt):
-    """Inductance, resistance and capacitance in one branch across the electrodes."""
+    """Inductor, resistor and capacitor in series across the electrodes."""
 
     kind: ClassVar[str] = "series_rlc"
     source: ClassVar[str] = "Moheimani & Fleming, Piezoelectric Transducers for Vibration Control and Damping, 2006"

@@ -11,7 +11,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class Short(LinearShunt):
-    """Electrode voltage of zero; with hysteresis the charge still loops."""
+    """Short circuit: the electrode voltage is zero. With hysteresis, charge and strain still form a loop."""
 
     kind: ClassVar[str] = "short"
     shorts: ClassVar[bool] = True

@@ -15,6 +15,10 @@ from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
 NEITHER = "none"
+ASSUMED_SHARE = (
+    1 / 20
+)  # of the clamped capacitance: a tenth costs a noticeable part, a fortieth hardly drives a transistor
+ASSUMED_THRESHOLD = 0.6  # V, between base and emitter
 
 
 class Breakers(NamedTuple):
@@ -79,15 +83,16 @@ def breakers_of(configuration: str) -> Breakers:
 class ElectronicBreaker(SwitchedCoil, WoundCoil):
     """Coil with two electronic breakers in its loop, one for each sign of the voltage.
 
-    A diode charges an envelope capacitor to the voltage less its drop. Where the voltage has fallen by `threshold`,
-    that of a transistor, below what the capacitor holds, the breaker closes: the lag follows. At constant amplitude of
-    the displacement the voltage falls as V_oc (1 - cos phi), so that cos phi = 1 - (threshold + diode_drop)/V_oc. What
-    the capacitor holds is spent on closing. The breaker conducts one way through a diode, opens where its current ends,
-    and keeps its capacitor empty until the voltage has fallen below that of the diode before it. Below `least_voltage`
-    it closes without a current: the circuit does not start.
+    A diode charges an envelope capacitor to the peak of the voltage less its drop. The breaker closes when the voltage
+    has fallen below that of the capacitor by `threshold`, the base-emitter voltage of a transistor. The lag of the
+    switch follows from this: at a constant amplitude the voltage falls as V_oc (1 - cos phi), so cos phi = 1 -
+    (threshold + diode_drop)/V_oc. Closing uses up the charge of the capacitor. A diode lets current through the breaker
+    in one direction only; the breaker opens when the current ends. Its capacitor stays empty until the voltage has
+    fallen below the drop of the diode in front of it. Below the open-circuit voltage `least_voltage`, a breaker closes
+    without any current: the circuit does not start.
 
-    While it rises the voltage charges an envelope capacitor beside C, from its drop on. `consumption` is what control
-    takes besides, from the harvest.
+    While the voltage rises above the diode drop, it charges an envelope capacitor in parallel with C. `consumption` is
+    further power of the control, subtracted from what is harvested.
     """
 
     mirrors: ClassVar[bool] = False  # half waves exchange the states of both envelope capacitors
@@ -102,6 +107,14 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         at_least=0,
     )  # fmt: skip
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        values = {"envelope_capacitance": ASSUMED_SHARE * capacitance, "threshold": ASSUMED_THRESHOLD}
+        return (
+            values,
+            f"envelope capacitors of {values['envelope_capacitance']:.3g} F, transistors of {ASSUMED_THRESHOLD} V",
+        )
 
     def inversion(self, capacitance: float) -> Any:
         return super().inversion(capacitance) * self.charge_share(capacitance)

@@ -14,7 +14,10 @@ from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreak
 
 @dataclass(frozen=True, kw_only=True)
 class SelfPoweredSECE(ElectronicBreaker):
-    """The coil takes the charge of the electrodes through two diodes, and gives its energy on where they are empty."""
+    """Self-powered SECE: a breaker connects the electrodes to a coil, which supplies the load when they are empty.
+
+    The path has two diodes, one of them the breaker's own.
+    """
 
     kind: ClassVar[str] = "self_powered_sece"
     source: ClassVar[str] = "Zhu, Chen & Liu, IEEE Trans. Ind. Electron. 59(6), 2449-2455, 2012"

@@ -14,10 +14,10 @@ from piezoharvest.description.shunts.self_powered.breaker import Breakers, Elect
 
 @dataclass(frozen=True, kw_only=True)
 class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
-    """Breakers, coil and rectifier in one loop: charge flows to the dc side while a breaker is closed.
+    """Self-powered series SSHI: breakers, coil and rectifier in series.
 
-    The path of a breaker has its own diode and two of the bridge. What these conduct backwards between the leads is
-    left out, as in series SSHI.
+    Charge flows to the dc side while a breaker is closed. The path has the breaker's own diode and two of the bridge.
+    Reverse leakage between the electrodes is neglected, as in series SSHI.
     """
 
     kind: ClassVar[str] = "self_powered_series_sshi"

@@ -13,7 +13,10 @@ from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreak
 
 @dataclass(frozen=True, kw_only=True)
 class SelfPoweredSSDI(ElectronicBreaker):
-    """Open electrodes whose voltage two breakers invert; `consumption` comes from another supply."""
+    """Self-powered SSDI: two electronic breakers invert the voltage of the electrodes through a coil.
+
+    As nothing is harvested, `consumption` is taken from another supply.
+    """
 
     kind: ClassVar[str] = "self_powered_ssdi"
     source: ClassVar[str] = "Lallart, Lefeuvre, Richard & Guyomar, Sens. Actuators A 143(2), 377-382, 2008"

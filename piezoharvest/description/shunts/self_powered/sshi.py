@@ -16,9 +16,9 @@ from piezoharvest.description.shunts.self_powered.breaker import Breakers, Elect
 
 @dataclass(frozen=True, kw_only=True)
 class SelfPoweredSSHI(ElectronicBreaker, Bridge):
-    """Rectifier with a coil across the electrodes, in whose loop two breakers invert the voltage.
+    """Self-powered parallel SSHI: rectifier with a coil in parallel, through which breakers invert the voltage.
 
-    While the bridge conducts, the voltage stays; it begins to fall where the displacement turns.
+    While the bridge conducts, the voltage is constant; it begins to fall when the displacement reverses.
     """
 
     kind: ClassVar[str] = "self_powered_sshi"
