@@ -15,8 +15,10 @@ from piezoharvest.description.circuit import Port
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt, registered
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
@@ -33,9 +35,10 @@ _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts 
 _TUNED_UNITS = ("ohm", "H", "F")
 # Parts that all candidates share, as a study's first table that has them says: of a bridge, of a switched coil, and
 # what beside them only counts where a table gives it.
-DIODE = ("diode_drop", "diode_resistance", "diode_leakage", "diode_curve")
-COIL = ("switch_resistance", "core_resistance", "self_resonance", "switch_curve")
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage")
+COIL = ("switch_resistance", "core_resistance", "self_resonance")
 BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
+CURVES = ("diode_curve", "switch_curve")  # tables, of diodes and of a switch
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -271,7 +274,7 @@ class Drafting:
             load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
-        parts = [name for name in DIODE if name in cls.__dataclass_fields__ and name != "diode_curve"]  # no number
+        parts = [name for name in DIODE if name in cls.__dataclass_fields__]
         if parts:
             found = {name: self._device(name, 0.0) for name in parts}
             values |= {name: value for name, (value, _) in found.items()}
@@ -285,6 +288,7 @@ class Drafting:
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
                          f"voltage) and {values['inductance']:.3g} H{same}")  # fmt: skip
         values |= self._further_parts(cls, notes)
+        values |= self._curves(cls, values, notes)
         own, note = cls.assumed(capacitance, self.frequency)
         values |= own
         notes += [note] if note else []
@@ -302,6 +306,19 @@ class Drafting:
             if value:
                 found[name] = value
                 notes.append(f"{name} = {value:g} {unit_at(cls, name)}{origin}")
+        return found
+
+    def _curves(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, VoltageCurve]:
+        """Curves of diodes and switch that the study's tables give, where a circuit of this class can have them."""
+        found: dict[str, VoltageCurve] = {}
+        names = [name for name in CURVES if name in cls.__dataclass_fields__]
+        if "core_resistance" in values or "self_resonance" in values:
+            names = [name for name in names if name != "switch_curve"]
+        for name in names if not issubclass(cls, ElectronicBreaker) else ():
+            shunt = next((shunt for shunt in self.templates if getattr(shunt, name, None) is not None), None)
+            if shunt is not None:
+                found[name] = getattr(shunt, name)
+                notes.append(f"{name} as in the study's {shunt.kind}")
         return found
 
     def _device(self, name: str, otherwise: float, of: type[Shunt] = Shunt) -> tuple[float, str]:
@@ -325,6 +342,12 @@ class Drafting:
             if len(values) > 1:
                 each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
                 found.append(f"candidates are not compared with the same devices: {name} is {each}")
+        for name in CURVES:
+            have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
+            if len({getattr(d.shunt, name) for d in have}) > 1:
+                without = ", ".join(d.kind for d in have if getattr(d.shunt, name) is None)
+                which = f"{without} without {name}" if without else f"{name} is another one in some"
+                found.append(f"candidates are not compared with the same devices: {which}")
         return found
 
     def _switched_inductance(self, quality: float) -> float:

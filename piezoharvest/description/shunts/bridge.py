@@ -91,7 +91,7 @@ class Bridge(Shunt):
     def _check_curve(self, curve: VoltageCurve) -> None:
         if self.storage is not None:
             raise ParameterError("diode_curve", "found together with storage, which goes with straight diodes only")
-        if np.any(np.diff(np.real(curve.voltages), axis=0) <= 0):
+        if np.any(curve.rises <= 0):
             found = f"found {list(curve.voltages)}, must increase (what does not is part of diode_drop)"
             raise ParameterError("diode_curve.voltages", found)
 

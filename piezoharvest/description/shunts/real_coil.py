@@ -216,7 +216,7 @@ class WoundSwitch(InductiveSwitch, WoundCoil):
         super().__post_init__()
         if self.switch_curve is None:
             return
-        if np.any(self.switch_curve.voltages[0]):
+        if np.any(np.real(self.switch_curve.voltages[0])):
             raise ParameterError("switch_curve.voltages", f"found {self.switch_curve.voltages[0]} V at 0 A, must be 0")
         for key in ("core_resistance", "self_resonance"):
             if getattr(self, key) is not None:

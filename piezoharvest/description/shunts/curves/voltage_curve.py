@@ -26,14 +26,15 @@ class VoltageCurve(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.currents) < 2 or self.currents[0] != 0 or np.any(np.diff(self.currents) <= 0):
+        currents = [_nominal(each) for each in self.currents]
+        if len(currents) < 2 or currents[0] != 0 or np.any(np.diff(currents) <= 0):
             allowed = "must be at least two numbers that increase from 0 on"
-            raise ParameterError("currents", f"found {list(self.currents)}, {allowed}")
+            raise ParameterError("currents", f"found {currents}, {allowed}")
         if len(self.voltages) != len(self.currents):
             allowed = f"must be as many as currents ({len(self.currents)})"
             raise ParameterError("voltages", f"found {len(self.voltages)} numbers, {allowed}")
-        if np.any(np.diff(self.voltages) < 0):
-            raise ParameterError("voltages", f"found {list(self.voltages)}, must not fall")
+        if np.any(self.rises < 0):
+            raise ParameterError("voltages", f"found {[_nominal(each) for each in self.voltages]}, must not fall")
 
     @classmethod
     def stepped(cls, currents: tuple[Any, ...], voltages: tuple[Any, ...]) -> Self:
@@ -41,6 +42,11 @@ class VoltageCurve(Component):
         curve = cls.__new__(cls)
         curve.__dict__.update(currents=currents, voltages=voltages)
         return curve
+
+    @property
+    def rises(self) -> np.ndarray:
+        """Rise of the voltage in each piece, V, without complex steps."""
+        return np.diff([_nominal(each) for each in self.voltages])
 
     @property
     def pieces(self) -> int:
