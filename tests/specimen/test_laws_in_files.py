@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.description.effects import Stiffening
+from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import (
     Bends,
     Corners,
@@ -55,6 +56,8 @@ LAWS = [
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Capacitor(), form=Line(factor=1e-9), memory=Relaxation(time_constant=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
+    Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
+    Law(place=SwitchLoop(reach=np.float64(1e-2)), form=Knee(factor=50.0, knee=1e-3, sides=1)),
 ]
 
 
