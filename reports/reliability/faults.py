@@ -62,7 +62,7 @@ def _answered(process: subprocess.Popen[str]) -> tuple[str, str]:
         return "", f"it says {said[-200:]}"
     if process.returncode == 0 or (process.returncode == 1 and not errors):
         return "done", ""
-    if process.returncode == READER_GONE and not said:
+    if process.returncode == READER_GONE and not errors:
         return "said", ""
     return ("said", "") if process.returncode in (1, 2) and errors else ("", f"{process.returncode}: {said[-200:]}")
 
