@@ -27,6 +27,7 @@ def run() -> int:
         for number in ours:
             signal.signal(number, _end)
         sys.unraisablehook = _again
+        _open_streams()
         from piezoharvest.cli import main  # its libraries take longer to import than many a command does to run
 
         return main()
@@ -39,6 +40,13 @@ def run() -> int:
             signal.signal(number, signal.SIG_DFL)
     print("piezoharvest: interrupted", file=sys.stderr)
     return status
+
+
+def _open_streams() -> None:
+    """Give the streams that a shell has closed (`>&-`) something to write to: files would get their numbers."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r+"))  # noqa: SIM115  # until the process ends
 
 
 def _end(number: int, _: object) -> NoReturn:

@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
@@ -415,10 +417,11 @@ class TestProgram:
     """What only a process of its own shows."""
 
     @staticmethod
-    def start(*arguments: str, **options) -> subprocess.Popen:
+    def start(*arguments: str, closed: int | None = None, **options) -> subprocess.Popen:
         command = [sys.executable, "-m", "piezoharvest", *arguments]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen(command, preexec_fn=heed_interrupts, **pipes, **options)
+        prepared = heed_interrupts if closed is None else partial(os.close, closed)
+        return subprocess.Popen(command, preexec_fn=prepared, **pipes, **options)
 
     def test_help_loads_nothing_heavy(self):
         code = (
@@ -453,6 +456,14 @@ class TestProgram:
         assert process.wait(timeout=300) == 141
         assert process.stderr.read() == ""
         process.stderr.close()
+
+    @pytest.mark.parametrize("closed", [1, 2])
+    def test_a_closed_stream_is_nothing_to_say(self, study, tmp_path, closed):
+        process = self.start("simulate", study, "--out", "waves.csv", closed=closed)
+        out, err = process.communicate()
+        assert (process.returncode, out == "") == (0, closed == 1)
+        assert err == ("" if closed == 2 else "waveforms: waves.csv\n")
+        assert Path("waves.csv").read_text().startswith("shunt,kind,time_s")
 
     def test_interrupt(self, tmp_path):
         """Ctrl-C while compiled code runs: in the second of two long simulations, once the first has been told of."""

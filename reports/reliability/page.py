@@ -16,8 +16,10 @@ from piezoharvest.output import write_text
 
 TITLES = (
     "How hard the toolbox is to break", "Beside another solver", "Wrong files and tables", "Killed and given again",
-    "Made wrong on purpose",
+    "Where something is not as it should be", "Made wrong on purpose",
 )  # fmt: skip
+# What was found of studies that failed and of the most distant, by the seed and the commit that drew them.
+FINDINGS = Path(__file__).parent / "findings.toml"
 SURVIVORS = Path(__file__).parent / "survivors.toml"  # what was found when they were read, by the line before and after
 WORST = 10
 MEANING = {
@@ -33,10 +35,10 @@ MEANING = {
 Rows = Sequence[dict[str, Any]]
 
 
-def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, mutants: Rows, path: Path) -> None:
+def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, faults: Rows, mutants: Rows, path: Path) -> None:
     """Write the page as Markdown; a section whose rows are not on this machine stays as it is."""
     parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_kills, kills),
-             (_of_mutants, mutants))  # fmt: skip
+             (_of_faults, faults), (_of_mutants, mutants))  # fmt: skip
     sections = dict(zip(TITLES, ("\n".join(part(rows)).strip() if rows else "" for part, rows in parts), strict=True))
     for text in re.split(r"^(?=## )", path.read_text(encoding="utf-8"), flags=re.MULTILINE) if path.exists() else ():
         title = text.partition("\n")[0].removeprefix("## ")
@@ -130,6 +132,30 @@ def _of_kills(rows: Rows) -> list[str]:
     ]
 
 
+def _of_faults(rows: Rows) -> list[str]:
+    """What became of commands under a fault."""
+    counts = Counter((row["kind"], row["outcome"]) for row in rows)
+    commands = sorted({row["what"].partition(":")[0] for row in rows})
+    lines = [
+        f"{len(rows)} runs of {', '.join(commands)} (`python -m reports.reliability --faults`). Done means that the "
+        "result is that of an undisturbed run; said, that the command gave the reason in one sentence with status 1 or "
+        "2 (141 and no error where its reader has gone), and that what stands under its own name is whole. In either "
+        "case the same command, without the fault, leaves the same bytes; of pages and figures, which bear dates, that "
+        "they are there. A scheduler that is silent, wrong or gone is in `tests/sweep/test_sweep_dask.py`.", "",
+        "| fault | done | said | not |", "|---|---|---|---|",
+    ]  # fmt: skip
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        lines.append(f"| {kind} | " + " | ".join(str(counts[kind, o]) for o in ("done", "said", "impossible")) + " |")
+    bad = [row for row in rows if row["outcome"] == "impossible"]
+    return [*lines, "", *(f"- {row['seed']} ({row['kind']}) {row['what']}" for row in bad)]
+
+
+def _findings(part: str) -> list[str]:
+    """Sentences about trials of one part."""
+    found = tomllib.loads(FINDINGS.read_text(encoding="utf-8")).get(part, [])
+    return [f"- {each['seed']} of {each['commit']} ({each['kind']}): {each['found']}" for each in found]
+
+
 def _of_distances(rows: Rows) -> list[str]:
     """How far the engine is from the bench's solver."""
     counts = Counter(row["outcome"] for row in rows)
@@ -150,12 +176,21 @@ def _of_distances(rows: Rows) -> list[str]:
     lines += ["", "The most distant:", "", "| seed | shunt | studies | distance |", "|---|---|---|---|"]
     worst = sorted(done, key=lambda row: -row["distance"])[:WORST]
     lines += [f"| {r['seed']} | {r['kind']} | {r['stratum']} | {r['distance']:.1e} |" for r in worst]
+    lines += ["", "What was found of the most distant, of this run and an earlier one:", "", *_findings("distances")]
     missed = [row for row in rows if row["outcome"] == "not followed"]
-    return [*lines, "", *(f"- {row['seed']} ({row['kind']}) not followed: {row['what']}" for row in missed)]
+    lines += ["", "Not followed by the bench's solver:", ""]
+    return [*lines, *(f"- {row['seed']} ({row['kind']}): {row['what']}" for row in missed)]
 
 
 def _quantiles(values: Sequence[float]) -> list[str]:
     return [f"{np.quantile(values, q):.1e}" for q in (0.5, 0.9, 0.99, 1.0)]
+
+
+def _ranges(seeds: Sequence[int]) -> str:
+    """First and last of each run of seeds."""
+    found = np.array(sorted(seeds))
+    runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
+    return ", ".join(f"{run[0]} to {run[-1]}" for run in runs)
 
 
 def _of_studies(rows: Rows) -> list[str]:
@@ -163,8 +198,8 @@ def _of_studies(rows: Rows) -> list[str]:
     closures = np.array([row["closure"] for row in rows if row["outcome"] == "converged"])
     seconds, seeds = np.array([row["seconds"] for row in rows]), [row["seed"] for row in rows]
     lines = [
-        f"{len(rows)} random studies of every shunt and effect (`make torture`; seeds {min(seeds)} to "
-        f"{max(seeds)}): values over twelve decades, on bounds, at resonance, at zero.", "",
+        f"{len(rows)} random studies of every shunt and effect (`make torture`; seeds {_ranges(seeds)}): values over "
+        "twelve decades, on bounds, at resonance, at zero.", "",
         "| outcome | studies | what it is |", "|---|---|---|",
         *(f"| {name} | {counts[name]} | {words} |" for name, words in MEANING.items()), "",
     ]  # fmt: skip
@@ -176,7 +211,7 @@ def _of_studies(rows: Rows) -> list[str]:
     if bad:
         lines += ["| seed | shunt | outcome | what |", "|---|---|---|---|"]
         lines += [f"| {r['seed']} | {r['kind']} | {r['outcome']} | {r['what']} |" for r in bad]
-        lines += [""]
+        lines += ["", *_findings("studies"), ""]
     worst = sorted((r for r in rows if r["closure"] is not None), key=lambda r: -r["closure"])[:WORST]
     lines += ["The worst closures:", "", "| seed | shunt | closure |", "|---|---|---|"]
     return [*lines, *(f"| {r['seed']} | {r['kind']} | {r['closure']:.1e} |" for r in worst), ""]
