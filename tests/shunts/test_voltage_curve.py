@@ -156,6 +156,8 @@ WRONG = [
     (lambda: VoltageCurve(currents=(0.0, 1e-5), voltages=(0.2, 0.1)), "voltages"),
     (lambda: Rectifier(**DC, diode_curve=straight(0.0, (0.0, 1e-6))), "diode_curve.voltages"),
     (lambda: SSDI(**LOOP, switch_curve=VoltageCurve(currents=(0.0, 1e-3), voltages=(0.1, 0.2))), "switch_curve"),
+    (lambda: Rectifier(**DC, diode_curve=[[0.0, 0.1]]), "diode_curve"),
+    (lambda: SSDI(**LOOP, switch_curve="curve"), "switch_curve"),
     (lambda: SSDI(**LOOP, core_resistance=1e5, switch_curve=straight(10.0, (0.0, 1e-3))), "switch_curve"),
 ]  # fmt: skip
 
@@ -174,3 +176,11 @@ def test_a_breaker_has_straight_diodes():
     )
     with pytest.raises(ParameterError, match="straight diodes"):
         simulate(System(DEVICE, shunt), DRIVE)
+
+
+def test_a_curve_of_too_many_points_is_refused_before_anything_is_set_up():
+    many = tuple(np.linspace(0.0, 1e-3, 3000))
+    shunt = Rectifier(**DC, diode_curve=VoltageCurve(currents=many, voltages=many))
+    with pytest.raises(ParameterError, match="give fewer points") as error:
+        simulate(System(DEVICE, shunt), DRIVE)
+    assert is_sentence(str(error.value))

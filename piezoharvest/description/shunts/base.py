@@ -176,3 +176,43 @@ class Shunt(Component):
 @dataclass(frozen=True, kw_only=True)
 class LinearShunt(Shunt):
     """A circuit of linear parts: one configuration with a rational admittance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtendedCircuit(Shunt):
+    """A circuit with something that multiplies its configurations: their names follow a blank, as in "cold open+".
+
+    Subclasses define `configurations`, `equations`, `powers`, `guards`, `closed` and `opened`.
+    """
+
+    circuit: Any
+
+    @property
+    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Kind of the circuit."""
+        return self.circuit.kind
+
+    @property
+    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether swapped leads make no difference to the circuit."""
+        return self.circuit.mirrors
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return self.circuit.states(capacitance)
+
+    def control(self, port: Port) -> Sequence[Product]:
+        return self.circuit.control(port)
+
+    def switch(self, capacitance: float, period: float | None) -> Switch | None:
+        return self.circuit.switch(capacitance, period)
+
+    def stage(self, configuration: str, capacitance: float) -> Any:
+        return self.circuit.stage(own_configuration(configuration), capacitance)
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        return self.circuit.dc_side(port, z)
+
+
+def own_configuration(configuration: str) -> str:
+    """Configuration of the circuit itself, in the name of an extended one."""
+    return configuration.split(" ", 1)[1]

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, described, quantity
+from piezoharvest.description.parameters import ParameterError, check_kind, described, quantity
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.storage import Storage
@@ -77,6 +77,7 @@ class Bridge(Shunt):
         super().__post_init__()
         self._check_dc_side()
         if self.diode_curve is not None:
+            check_kind("diode_curve", self.diode_curve, VoltageCurve)
             self._check_curve(self.diode_curve)
         limit: Any = np.inf if self.storage is None else np.real(self.storage.limit)
         begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.circuit import Guard, Port, Product, Row
 from piezoharvest.description.parameters import ParameterError, quantity
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import ExtendedCircuit, Shunt, own_configuration
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 
@@ -63,38 +63,21 @@ def with_start(whole: Shunt, shunt: Shunt) -> Shunt:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColdStart(Shunt):
+class ColdStart(ExtendedCircuit):
     """A circuit in those of its configurations in which its switch waits, "cold open+", and in all, "warm open+"."""
 
-    circuit: Shunt
     start: Any
     stop: Any
-
-    @property
-    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Kind of the circuit."""
-        return self.circuit.kind
-
-    @property
-    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Whether swapped leads make no difference to the circuit."""
-        return self.circuit.mirrors
 
     def configurations(self) -> tuple[str, ...]:
         every = self.circuit.configurations()
         return (*(f"{COLD} {own}" for own in every if self._waits(own)), *(f"{WARM} {own}" for own in every))
 
-    def states(self, capacitance: float) -> tuple[State, ...]:
-        return self.circuit.states(capacitance)
-
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        return self.circuit.equations(_own(configuration), port, z, dz)
+        return self.circuit.equations(own_configuration(configuration), port, z, dz)
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return self.circuit.powers(_own(configuration), port, z)
-
-    def control(self, port: Port) -> Sequence[Product]:
-        return self.circuit.control(port)
+        return self.circuit.powers(own_configuration(configuration), port, z)
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         power, own = configuration.split(" ", 1)
@@ -109,29 +92,15 @@ class ColdStart(Shunt):
             guards.append(Guard(self.stop * port.one - z.dc, f"{COLD} {own}", event="switch loses its power"))
         return guards
 
-    def switch(self, capacitance: float, period: float | None) -> Switch | None:
-        return self.circuit.switch(capacitance, period)
-
     def closed(self, configuration: str, polarity: int) -> str:
         if configuration.startswith(COLD):
             return configuration
-        return f"{WARM} {self.circuit.closed(_own(configuration), polarity)}"
+        return f"{WARM} {self.circuit.closed(own_configuration(configuration), polarity)}"
 
     def opened(self, configuration: str) -> str:
         power, own = configuration.split(" ", 1)
         return f"{power} {self.circuit.opened(own)}"
 
-    def stage(self, configuration: str, capacitance: float) -> Any:
-        return self.circuit.stage(_own(configuration), capacitance)
-
-    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
-        return self.circuit.dc_side(port, z)
-
     def _waits(self, own: str) -> bool:
         """Whether the switch is open in a configuration of the circuit."""
         return self.circuit.opened(own) == own
-
-
-def _own(configuration: str) -> str:
-    """Configuration of the circuit itself."""
-    return configuration.split(" ", 1)[1]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from piezoharvest.description.circuit import Number, Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, described, quantity
+from piezoharvest.description.parameters import ParameterError, check_kind, described, quantity
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.switching import InductiveSwitch, SwitchedLoop
 
@@ -216,6 +216,7 @@ class WoundSwitch(InductiveSwitch, WoundCoil):
         super().__post_init__()
         if self.switch_curve is None:
             return
+        check_kind("switch_curve", self.switch_curve, VoltageCurve)
         if np.any(np.real(self.switch_curve.voltages[0])):
             raise ParameterError("switch_curve.voltages", f"found {self.switch_curve.voltages[0]} V at 0 A, must be 0")
         for key in ("core_resistance", "self_resonance"):

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.shunts.base import ExtendedCircuit, Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.storage import Storage
 
@@ -25,7 +24,7 @@ def with_supply(shunt: Shunt) -> Shunt:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stored(Shunt):
+class Stored(ExtendedCircuit):
     """A circuit in all its configurations while the supply is off, on, or the store full.
 
     A configuration is that of the supply with that of the circuit behind it, as in "3 open+": "off", the number of a
@@ -35,16 +34,6 @@ class Stored(Shunt):
 
     circuit: Bridge
     storage: Storage
-
-    @property
-    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Kind of the circuit."""
-        return self.circuit.kind
-
-    @property
-    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Whether swapped leads make no difference to the circuit."""
-        return self.circuit.mirrors
 
     @property
     def pieces(self) -> int:
@@ -89,9 +78,6 @@ class Stored(Shunt):
             powers["shunt_loss"].append(Product(1.0, z.dc, self._charging(supply, own, port, z)))
         return powers
 
-    def control(self, port: Port) -> Sequence[Product]:
-        return self.circuit.control(port)
-
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         supply, own = configuration.split(" ", 1)
         guards = [
@@ -120,20 +106,11 @@ class Stored(Shunt):
             return [*guards, Guard(falls, f"{OFF} {own}", timer, event="supply turns off")]
         return [*guards, Guard(falls, to(str(piece - 1)), event="")]
 
-    def switch(self, capacitance: float, period: float | None) -> Switch | None:
-        return self.circuit.switch(capacitance, period)
-
     def closed(self, configuration: str, polarity: int) -> str:
         return _behind(configuration, lambda own: self.circuit.closed(own, polarity))
 
     def opened(self, configuration: str) -> str:
         return _behind(configuration, self.circuit.opened)
-
-    def stage(self, configuration: str, capacitance: float) -> Any:
-        return self.circuit.stage(configuration.split(" ", 1)[1], capacitance)
-
-    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
-        return self.circuit.dc_side(port, z)
 
     def _name(self, level: str, phase: int) -> str:
         """Configuration of a supply that is on."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.circuit import Guard, Port, Product, Row
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import ExtendedCircuit, Shunt
 from piezoharvest.description.shunts.bridge import Bridge, sign_of
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import WoundSwitch
@@ -19,6 +19,7 @@ from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreak
 # A piece is left for the one before it at so much less than the current of the corner, relatively: behind a resistance
 # of an ohm, rounding of a voltage is as much of a microampere, and the two would follow each other without end.
 BACK = 1e-5
+MOST_CONFIGURATIONS = 4096  # with which a system is set up in a second; its 50 stops then have 2^62 combinations
 
 
 def with_curves(shunt: Shunt) -> Shunt:
@@ -27,17 +28,25 @@ def with_curves(shunt: Shunt) -> Shunt:
     Raises
     ------
     ParameterError
-        A self-powered circuit has a curve.
+        A self-powered circuit has a curve, or curves have too many points.
     """
     diode = shunt.diode_curve if isinstance(shunt, Bridge) else None
     if diode is not None and isinstance(shunt, ElectronicBreaker):
         raise ParameterError("diode_curve", f"found in {shunt.kind}, whose breakers have the same straight diodes")
     switch = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
-    return shunt if diode is None and switch is None else Curved(circuit=shunt, diode=diode, closed_switch=switch)
+    if diode is None and switch is None:
+        return shunt
+    found = Curved(circuit=shunt, diode=diode, closed_switch=switch)
+    count = found.size
+    if count > MOST_CONFIGURATIONS:
+        key = "switch_curve" if switch is not None else "diode_curve"
+        allowed = f"at most {MOST_CONFIGURATIONS} are allowed: give fewer points"
+        raise ParameterError(key, f"found {count} combinations of pieces and configurations, {allowed}")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curved(Shunt):
+class Curved(ExtendedCircuit):
     """A circuit in each of its configurations while its parts are on one piece of their curves.
 
     In a piece a diode is one with another drop and resistance, and so is the closed switch, for the direction of its
@@ -45,19 +54,8 @@ class Curved(Shunt):
     number of the diodes' piece, and that of the switch's with the sign of its current, which the first piece has not.
     """
 
-    circuit: Any
     diode: VoltageCurve | None
     closed_switch: VoltageCurve | None
-
-    @property
-    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Kind of the circuit."""
-        return self.circuit.kind
-
-    @property
-    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Whether swapped leads make no difference to the circuit."""
-        return self.circuit.mirrors
 
     def configurations(self) -> tuple[str, ...]:
         return tuple(
@@ -67,8 +65,11 @@ class Curved(Shunt):
             for switch in self._switch_pieces(own)
         )
 
-    def states(self, capacitance: float) -> tuple[State, ...]:
-        return self.circuit.states(capacitance)
+    @property
+    def size(self) -> int:
+        """Number of configurations."""
+        owns = self.circuit.configurations()
+        return sum(len(self._diode_pieces(own)) * len(self._switch_pieces(own)) for own in owns)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         pieces, own = _split(configuration)
@@ -77,9 +78,6 @@ class Curved(Shunt):
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         pieces, own = _split(configuration)
         return self._at(pieces).powers(own, port, z)
-
-    def control(self, port: Port) -> Sequence[Product]:
-        return self.circuit.control(port)
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         pieces, own = _split(configuration)
@@ -96,9 +94,6 @@ class Curved(Shunt):
             guards += self._along_switch(pieces, own, port, z)
         return guards
 
-    def switch(self, capacitance: float, period: float | None) -> Switch | None:
-        return self.circuit.switch(capacitance, period)
-
     def closed(self, configuration: str, polarity: int) -> str:
         pieces, own = _split(configuration)
         return self._kept(pieces, self.circuit.closed(own, polarity))
@@ -106,12 +101,6 @@ class Curved(Shunt):
     def opened(self, configuration: str) -> str:
         pieces, own = _split(configuration)
         return self._kept((pieces[0], 0), self.circuit.opened(own))  # the current of the coil is cut
-
-    def stage(self, configuration: str, capacitance: float) -> Any:
-        return self.circuit.stage(_split(configuration)[1], capacitance)
-
-    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
-        return self.circuit.dc_side(port, z)
 
     def _is_closed(self, own: str) -> bool:
         """Whether the switch is closed in a configuration of the circuit."""
