@@ -73,5 +73,6 @@ def test_first_samples_are_hidden_only_where_a_voltage_jumps():
     coil, bridge = SSDI(inductance=8.0, quality=8.0), Rectifier(dc_voltage=1.0)
     fast = ParallelSSHI(inductance=1e-3, quality=8.0, dc_voltage=1.0)
     assert loop_closed_at_first(record_with(turned), coil, device) > 7
-    for voltage, shunt in ((smooth, coil), (late, coil), (turned, bridge), (late, fast)):
+    slow = SSDI(inductance=1e6, quality=8.0)  # half a period in 0.6 s, of a record of 0.1 s
+    for voltage, shunt in ((smooth, coil), (late, coil), (turned, bridge), (late, fast), (turned, slow)):
         assert loop_closed_at_first(record_with(voltage), shunt, device) == 0

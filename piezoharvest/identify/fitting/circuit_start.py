@@ -21,7 +21,8 @@ def loop_closed_at_first(record: Record, shunt: Shunt, transducer: Transducer) -
     """Number of first samples in which the loop of the switch may still be closed after an action at the beginning.
 
     It is 0 where the voltage does not jump there. Else the record begins within an inversion, or with one: what the
-    loop has then, no state that a record begins with tells, but after it a fit has all from the states alone.
+    loop has then, no state that a record begins with tells, but after it a fit has all from the states alone. A record
+    of which this were half or more, as of a loop slower than the record, keeps all of its samples.
     """
     switch = shunt.switch(transducer.capacitance, None)
     if switch is None or switch.clocked or "voltage" not in record.signals:
@@ -29,7 +30,8 @@ def loop_closed_at_first(record: Record, shunt: Shunt, transducer: Transducer) -
     closed = int(np.ceil(float(switch.on_time) * record.sample_rate))
     period = 2.0 * np.pi * np.sqrt(transducer.mass / transducer.stiffness)
     jumps = np.flatnonzero(jumps_of(record, "voltage", period)[: closed + 1])
-    return int(jumps[0]) + closed + 1 if len(jumps) else 0
+    first = int(jumps[0]) + closed + 1 if len(jumps) else 0
+    return first if 2 * first < len(record) else 0
 
 
 def circuit_start(
