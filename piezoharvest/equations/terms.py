@@ -86,6 +86,8 @@ class Terms:
         Amplitude and frequency of the drive, for effects that depend on these.
     absent : bool
         Effects at their null value act, too: they have states, though no influence.
+    loaded : bool
+        False behind open electrodes, which have no load that could conduct.
 
     Attributes
     ----------
@@ -119,10 +121,10 @@ class Terms:
 
     def __init__(
         self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
-        size: Any = None, absent: bool = False,
+        size: Any = None, absent: bool = False, loaded: bool = True,
     ) -> None:  # fmt: skip
         self.transducer, self.drive_name, self.size = transducer, drive, size
-        self._linearised, self._passes, self._absent = linearised, passes, absent
+        self._linearised, self._passes, self._absent, self._loaded = linearised, passes, absent, loaded
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
         self.stops: list[StopElement] = []
@@ -224,8 +226,9 @@ class Terms:
             self.losses.append((self._effect, Product(-1.0, smooth, UNITS[self.columns[f"u{mode + 1}"]])))
 
     def conduct(self, row: Row) -> None:
-        """Add a current that leaves the node through the load, A."""
-        self.draw(row)
+        """Add a current that leaves the node through the load, A; behind open electrodes there is none."""
+        if self._loaded:
+            self.draw(row)
 
     def read(self, row: Row, channel: str = "displacement") -> None:
         """Ignore what a sensor reads besides, which does not act on the specimen."""

@@ -135,7 +135,8 @@ def estimate_operating_point(
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(system, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
-    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes, size=excitation.size)
+    drive, loaded = "base_acceleration" if excitation.base else "force", not isinstance(system.shunt, Open)
+    terms = Terms(transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
     begins = start.values if start else _rest(system, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0
     return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start, taken=system.shunt.taken)

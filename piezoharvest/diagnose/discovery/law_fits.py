@@ -13,6 +13,7 @@ from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Memory, Play
 from piezoharvest.description.effects.nameless.places import Place
+from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
 from piezoharvest.diagnose.selection.score_tests import extended
@@ -99,7 +100,8 @@ class LawFit:
     def freedom(self) -> float:
         """Effective number of the law's parameters."""
         inside, _ = self.normal
-        return float(np.trace(inverse(inside + np.diag(np.diag(self.found.prior)[self.own])) @ inside))
+        found = float(np.trace(inverse(inside + np.diag(np.diag(self.found.prior)[self.own])) @ inside))
+        return float(np.clip(found, 0.0, len(self.own)))  # of what the data do not determine, rounding has any sign
 
     @property
     def criterion(self) -> float:
@@ -126,6 +128,9 @@ def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Paramete
         ]
     memory, sign = law.memory, law.passive_sign
     found = [] if memory is not None and memory.alone else _quantities(form, path)
+    if isinstance(form, Shape):  # a scale has no null value, and its size may be off by decades
+        turned = {"scaling": "log", "sign": float(np.sign(form.scale))}
+        found = [replace(p, **turned) if p.path[-1] == "scale" else p for p in found]
     if sign:
         bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
         found = [replace(p, **bounds) if p.path[-1] == "factor" else p for p in found]

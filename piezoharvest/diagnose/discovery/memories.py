@@ -16,6 +16,7 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
 from piezoharvest.diagnose.discovery.visited import Visited
@@ -31,15 +32,18 @@ from piezoharvest.predict.prediction import PredictionError
 PLAYS = (0.01, 0.03, 0.1, 0.25)  # thresholds that are tried, of half the visited range
 RESONANCES = 5  # frequencies that are tried between the slowest and the fastest that the records resolve
 DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of three overlap
+# Of the own resonances of the specimen: frequencies that are tried, too, as one beside them shows most, and narrowly;
+# and their damping ratio, with which neighbours overlap.
+BESIDE, BESIDE_DAMPING = (0.5, 0.7, 0.84, 1.0, 1.19, 1.41, 2.0), 0.1
 FASTEST = 0.3  # of the rate of samples: highest frequency of a resonance that is tried
 
 
-def memories_at(place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:
+def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> list[Law]:
     """Laws with a memory that are tried at a place: those of sensors are of a reading's own true value."""
     own = isinstance(place, Reading) and place.of == place.channel
     if not (own or place.port):
         return []
-    kinds = _of_sensor(place, visited, scales) if own else _of_port(place, visited, scales)
+    kinds = _of_sensor(place, visited, scales) if own else _of_port(place, visited, scales, device)
     return [Law(place=place, form=Line(factor=0.0), memory=each) for each in kinds]
 
 
@@ -50,7 +54,7 @@ def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterat
     yield from _resonances(scales, behind=True)
 
 
-def _of_port(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
+def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
     """Memories of a port; a damper's relaxation is that of the spring."""
     if place.port in Play.signs:
         yield from _plays(visited[place.input])
@@ -58,6 +62,7 @@ def _of_port(place: Place, visited: Visited, scales: CampaignScales) -> Iterator
         yield from (Relaxation(time_constant=each) for each in scales.times)
     if place.port in Resonance.signs:
         yield from _resonances(scales, behind=False)
+        yield from _beside_resonances(scales, device)
 
 
 def _plays(visited: np.ndarray) -> Iterator[Play]:
@@ -69,6 +74,18 @@ def _resonances(scales: CampaignScales, *, behind: bool) -> Iterator[Resonance]:
     highest, lowest = FASTEST / scales.sample_time, 1.0 / scales.longest
     for frequency in np.geomspace(max(lowest, 1e-3 * highest), highest, RESONANCES):
         yield Resonance(frequency=float(frequency), damping_ratio=DAMPING_RATIO, behind=behind)
+
+
+def _beside_resonances(scales: CampaignScales, device: Transducer) -> Iterator[Resonance]:
+    """Resonances beside those of the specimen, such as a small mass on a wire, as far as the records resolve them."""
+    if device.quasi_static:
+        return
+    highest, lowest = FASTEST / scales.sample_time, 1.0 / scales.longest
+    for mode in device.all_modes:
+        for share in BESIDE:
+            frequency = share * float(np.sqrt(mode.stiffness / mode.mass)) / (2.0 * np.pi)
+            if lowest < frequency < highest:
+                yield Resonance(frequency=frequency, damping_ratio=BESIDE_DAMPING)
 
 
 def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[ScoredLaw]:

@@ -179,7 +179,7 @@ def _scored(problem: Problem, start: Fit) -> list[ScoredLaw]:
         form = _first_form(problem, place, visited[place.input])
         each = form and score(problem, start, Law(place=place, form=form), visited[place.input])
         found += [each] if each is not None else []
-        found += _best_memories(problem, start, _memories(problem, place, visited, scales), visited[place.input])
+        found += _best_memories(problem, start, _memories(problem, start, place, visited, scales), visited[place.input])
     return sorted((each for each in found if each.gain > MIN_SCORE), key=lambda each: -each.gain)
 
 
@@ -190,9 +190,9 @@ def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | N
     return table_for(place, visited)
 
 
-def _memories(problem: Problem, place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:
+def _memories(problem: Problem, start: Fit, place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:
     """Laws with a memory at a place; the engine has no states of sensors."""
-    found = memories_at(place, visited, scales)
+    found = memories_at(place, visited, scales, start.model.transducer)
     if problem.needs_engine and isinstance(place, Reading):
         return [law for law in found if isinstance(law.memory, Delay | Play)]
     return found
@@ -208,7 +208,7 @@ def _best_memories(problem: Problem, start: Fit, laws: Sequence[Law], visited: n
 
 
 def promising(scored: Sequence[ScoredLaw], misfit: float) -> list[ScoredLaw]:
-    """Scores whose places are fitted: the highest, and where the misfit is large the best of each place.
+    """Scores whose places are fitted: the highest, and where the misfit is large the best of each sort at each place.
 
     A score is a linearisation, which tells little where the fitted parameters have gone far to make up for a law.
     """
@@ -216,10 +216,18 @@ def promising(scored: Sequence[ScoredLaw], misfit: float) -> list[ScoredLaw]:
     chosen = free[:FITS] + [each for each in scored if each.law.memory is not None][:MEMORY_FITS]
     chosen.sort(key=lambda each: -each.gain)
     if misfit > thresholds.LARGE_MISFIT:
+        known = {_sort(each) for each in chosen}
         for each in scored:
-            if each.law.place.name not in {one.law.place.name for one in chosen}:
+            if _sort(each) not in known:
+                known.add(_sort(each))
                 chosen.append(each)
     return chosen
+
+
+def _sort(scored: ScoredLaw) -> tuple[str, str]:
+    """The place of a law and what it is there: a function, a play, or linear with a memory."""
+    memory = scored.law.memory
+    return scored.law.place.name, "function" if memory is None else "play" if isinstance(memory, Play) else "linear"
 
 
 def _smoother(problem: Problem, start: Fit, table: LawFit) -> list[LawFit]:

@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Form, Knee, Line, numbers_of
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.places import Place
+from piezoharvest.description.effects.nameless.shapes import Curve
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.protocol import EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
@@ -19,9 +20,11 @@ from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 
-# Of a broken line in the place of a smooth curve. In squares of the current a power of 2.5 is off by 0.006 of its end
-# at most; diodes, whose voltage goes with a logarithm or a root, are most bent near zero, and have cubes.
+# Of a broken line in the place of a smooth curve, whose corners are the denser the more it bends.
 PIECES = 18
+# Of the largest current: below it no corner is, as no record resolves what happens there. Points above it at which a
+# curve's bend is looked at.
+LEAST_CORNER, STEPS = 1e-6, 240
 
 # A diode without a resistance has another law, and no derivative to one: it gets what drops a millivolt at the largest
 # current, less than the noise of most records behind a bridge.
@@ -36,7 +39,6 @@ class CircuitPlace(Place):
     unit: ClassVar[str] = "V"
     bent: ClassVar[bool] = False  # a straight line is a resistance, for which there is no parameter
     in_circuit: ClassVar[bool] = True
-    spacing: ClassVar[int] = 2  # power of the number of a corner, with which its current grows
 
     reach: float = quantity("A", "largest current, up to which a smooth law is a broken line", above=0)
 
@@ -49,10 +51,11 @@ class CircuitPlace(Place):
 
     def curve(self, form: Form, least: float) -> VoltageCurve:
         """Voltage over the current, with `least` (ohm) in series, below which the resistance of no piece is."""
-        currents = _corners(form, self.reach, self.spacing)
+        currents = _corners(form, self.reach)
         numbers: Any = Numbers()
+        values = form.values(currents) if isinstance(form, Curve) else form.row(numbers, currents)
         steps = np.diff(currents, axis=-1)
-        slopes = np.diff(form.row(numbers, currents), axis=-1) / steps + least
+        slopes = np.diff(values, axis=-1) / steps + least
         slopes = np.where(np.real(slopes) >= least, slopes, least) if least > 0 else slopes
         voltages = np.cumsum(np.concatenate([0.0 * slopes[..., :1], slopes * steps], axis=-1), axis=-1)
         return VoltageCurve.stepped(tuple(numbers_of(currents)), tuple(numbers_of(voltages)))
@@ -64,7 +67,6 @@ class Diode(CircuitPlace):
 
     name: ClassVar[str] = "diode"
     input: ClassVar[str] = "diode_current"
-    spacing: ClassVar[int] = 3
 
     def connect(self, shunt: Shunt, form: Form) -> Shunt:
         if not has_diodes(shunt):
@@ -104,7 +106,7 @@ def _with(shunt: S, **values: VoltageCurve) -> S:
     return found
 
 
-def _corners(form: Form, reach: float, spacing: int) -> np.ndarray:
+def _corners(form: Form, reach: float) -> np.ndarray:
     """Currents between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
     if isinstance(form, Corners):
         corners: list[Any] = [0.0, *(knot for knot in form.knots if knot > 0.0)]
@@ -113,7 +115,29 @@ def _corners(form: Form, reach: float, spacing: int) -> np.ndarray:
     elif isinstance(form, Knee | DeadZone):
         corners = [0.0, form.knee if isinstance(form, Knee) else form.zone]
     else:
-        corners = list(reach * np.linspace(0.0, 1.0, PIECES + 1) ** spacing)
+        corners = numbers_of(_where_it_bends(form, reach))
     parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]
     batch = np.broadcast_shapes(*(part.shape for part in parts))
     return np.concatenate([np.broadcast_to(part, batch) for part in parts], axis=-1)
+
+
+def _where_it_bends(form: Form, reach: float) -> np.ndarray:
+    """Currents of corners with which a smooth curve is off by as much in each piece, from 0 to the largest one.
+
+    A chord is off by f'' h^2/8 at most, so that corners are as dense as the root of the second derivative (de Boor, A
+    Practical Guide to Splines, 2001, chapter III). They move with complex steps of the curve's values.
+    """
+    grid = reach * np.concatenate([[0.0], np.geomspace(LEAST_CORNER, 1.0, STEPS)])
+    slopes = np.gradient(form.values(grid), grid, axis=-1)
+    bend = np.gradient(slopes, grid, axis=-1)
+    dense = np.sqrt(np.where(np.real(bend) < 0.0, -bend, bend))
+    parts = 0.5 * (dense[..., 1:] + dense[..., :-1]) * np.diff(grid)
+    total = np.concatenate([0.0 * parts[..., :1], np.cumsum(parts, axis=-1)], axis=-1)
+    wanted = total[..., -1:] * np.linspace(0.0, 1.0, PIECES + 1)[1:-1]
+    nominal = np.real(total).reshape(-1, len(grid))[0]
+    if not nominal[-1] > 0.0:
+        return np.linspace(0.0, reach, PIECES + 1)
+    k = np.searchsorted(nominal, np.real(wanted).reshape(-1, PIECES - 1)[0], side="right") - 1
+    inner = grid[k] + (wanted - total[..., k]) / parts[..., k] * np.diff(grid)[k]
+    ends = np.zeros((*inner.shape[:-1], 1))
+    return np.concatenate([ends, inner, ends + reach], axis=-1)

@@ -34,13 +34,17 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.parameters import put
 
 SAMPLES = 400  # inputs at which formula and table are compared
 # Parameters of the model that are straight lines at a place.
 OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
-REFITTED = 3  # formulas, the best on the table, that are fitted in the model
+# Formulas, the closest to the table, that are fitted in the model; more where the table is too coarse for the curve, so
+# that it leaves more than noise and closeness to it tells little.
+REFITTED, REFITTED_BEYOND_TABLE = 3, 6
+TABLE_IS_COARSE = 1.5  # mean square of whitened residuals with the table, beyond what noise scatters by
 FARTHER = 4.0  # times as far from the table as the closest: a formula that is not fitted where a step is slow
 PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
 POWER_OF_ENGINE = {
@@ -82,11 +86,14 @@ def candidates(table: LawFit, pieces: int = PIECES) -> list[FittedFormula]:
 def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
     tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
-    some = candidates(table, pieces)[:REFITTED] if isinstance(table.form, TABLES) else []
+    coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
+    most = REFITTED_BEYOND_TABLE if coarse else REFITTED
+    some = candidates(table, pieces)[:most] if isinstance(table.form, TABLES) else []
     for each in some:
         if problem.needs_engine and each.criterion > FARTHER * some[0].criterion:
             continue
-        best = min(one.criterion for one in tried) + thresholds.CLOSE_COST
+        # From a coarse table a formula begins far away, and how its fit goes on is not seen from its first steps.
+        best = np.inf if coarse else min(one.criterion for one in tried) + thresholds.CLOSE_COST
         law = dataclasses.replace(table.law, form=each.form)
         found = fitted(problem, _beside(table, each.form), law, table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
@@ -152,7 +159,7 @@ class _Loss:
         if not np.isfinite(size) or size <= 0.0 or size > 1e200:
             return None
         first = np.array([-float(unit @ offset) / size, *start])
-        scale = np.abs(first) + 1e-300
+        scale = np.where(first == 0.0, 1.0, np.abs(first))
 
         def loss(z: np.ndarray) -> np.ndarray:
             try:
@@ -220,10 +227,19 @@ def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
     place, even, dense = table.place, *(fine_knots(table.visited, pieces, dense=each) for each in (False, True))
     for curve in CURVES:
         knots = dense if curve in SATURATING else even
-        make = lambda z, c=curve, k=knots: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=k)  # noqa: E731
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
         shares = (*SCALES, *SATURATION_CURRENTS) if place.in_circuit and curve == "log" else SCALES
-        yield [(make, np.array([sign * share * size])) for share in shares for sign in both]
+        # Of the scale the logarithm is varied: a saturation current may be off by decades.
+        yield [
+            (
+                lambda z, c=curve, k=knots, s=sign: Shape(
+                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=place.bent, knots=k
+                ),
+                np.array([np.log(share)]),
+            )
+            for share in shares
+            for sign in both
+        ]
     if place.input in ("velocity", "displacement_rate"):
         width = WIDTH * size
         yield [(lambda z: Coulomb(factor=z[0], width=width, knots=dense), np.zeros(0))]
