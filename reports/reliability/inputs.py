@@ -7,6 +7,7 @@ import io
 import json
 import random
 import re
+import resource
 import tempfile
 import time
 import warnings
@@ -23,6 +24,7 @@ from reports.reliability.mutation import mutate_bytes, mutate_tables, mutate_tex
 from reports.reliability.studies import Draw
 
 LONG = {"file": 10.0, "tables": 60.0}  # s of processor time; the work limit ends a simulation within half of that
+MEMORY = 2 * 2**30  # bytes of the process and of each that it starts: what needs more fails
 SHARE_OF_FILES = 0.8
 COMMANDS = ("simulate", "simulate", "simulate", "measure", "export", "sweep", "design", "identify")
 PLAIN: dict[str, Any] = {
@@ -53,6 +55,7 @@ def attempt_input(seed: int) -> dict[str, Any]:
         `seed`, `kind` (the file's name, or the command), `outcome` ("read", "done", "not to be trusted", "refused",
         "internal error", "impossible" where what is written is wrong, "slow"), `what` and `seconds` of processor time.
     """
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     rng, begin = random.Random(seed), time.process_time()
     row: dict[str, Any] = {"seed": seed, "kind": "", "closure": None}
     is_file = rng.random() < SHARE_OF_FILES
