@@ -17,8 +17,9 @@ from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
-from piezoharvest.engine.memory.vector import dot, total_size
+from piezoharvest.engine.memory.vector import dot
 from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
+from piezoharvest.engine.motion.term_sizes import term_sizes
 
 CONSERVED_SHARE = 1e-13  # of a form's terms: a rate below this is rounding of zero
 ROUNDING_SHARE = 1e-9  # of the state's size: error of a form that is zero, as events are located to 1e-12
@@ -64,7 +65,7 @@ def begin_clamp(P, L, S, D, form):
     At the beginning of a run the sensitivities follow; after an event they are set by `saltation`.
     """
     value, slope = dot_column(P, form, 1, S, 0, L[pg.A]), charge_slope(P, L, D, form)
-    if slope == 0.0 or abs(value) > ROUNDING_SHARE * total_size(S, 0, L[pg.ROWS]):
+    if slope == 0.0 or abs(value) > ROUNDING_SHARE * term_sizes(L, S)[0]:
         return
     move_charge(P, L, S, D, 0, -value / slope)
     for s in range(0 if D[st.INCOMPLETE] else D[st.SENSITIVITIES]):

@@ -11,9 +11,10 @@ from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.tables import block_of, find_mode, place_of, rows_read, slot_of
-from piezoharvest.engine.memory.vector import LANES, total_size
+from piezoharvest.engine.memory.vector import LANES
 from piezoharvest.engine.motion.diode_clamp import begin_clamp
 from piezoharvest.engine.motion.mode_tables import build
+from piezoharvest.engine.motion.term_sizes import term_sizes
 from piezoharvest.engine.propagation.propagate import read_guards
 
 ZERO_TOLERANCE = 1e-12  # relative to its terms: a smaller guard counts as zero
@@ -88,14 +89,14 @@ def first_due(P, L, S, D, slot):
 
     Zero is relative to the size of the guard's terms and to its change in a short step.
     """
-    size = total_size(S, 0, L[pg.ROWS])
-    S[D[st.SIZE]] = size
-    if not _any_due(P, L, S, D, slot, size):
+    sizes = term_sizes(L, S)
+    S[D[st.SIZE]] = sizes[0]
+    if not _any_due(P, L, S, D, slot, sizes):
         return NONE
     at, now = slot_of(L, slot), D[st.NOW_GUARDS]
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
         row, sign = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g]
-        place, zeros = now + place_of(row), _zero_tolerances(P, L, slot, size, place_of(row))
+        place, zeros = now + place_of(row), _zero_tolerances(P, L, slot, sizes, place_of(row))
         value = sign * S[place] + S[D[st.OFFSET] + g]
         if _due(value, sign * S[place + LANES], sign * S[place + 2 * LANES], zeros):
             return g
@@ -103,12 +104,13 @@ def first_due(P, L, S, D, slot):
 
 
 @inlined
-def _zero_tolerances(P, L, slot, size, place):
+def _zero_tolerances(P, L, slot, sizes, place):
     """Tolerances for zero of a guard, of its rate and of its second rate."""
     block = block_of(L, slot)
-    sizes, short = block + L[tb.SIZES] + place, P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    first, second, third, zero = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES], ZERO_TOLERANCE * size
-    return zero * (first + short * second), 10.0 * zero * (second + short * third), 100.0 * zero * third
+    largest, short = block + L[tb.SIZES] + place, P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
+    value, rate, bend = sizes[0] * P[largest], sizes[1] * P[largest + LANES], sizes[2] * P[largest + 2 * LANES]
+    zero = ZERO_TOLERANCE
+    return zero * (value + short * rate), 10.0 * zero * (rate + short * bend), 100.0 * zero * bend
 
 
 @inlined
@@ -119,14 +121,14 @@ def _due(value, rate, bend, zeros):
 
 
 @compiled
-def _any_due(P, L, S, D, slot, size):
+def _any_due(P, L, S, D, slot, sizes):
     """True if any guard is due; forms are tested a register at a time."""
     now, lower, upper = D[st.NOW_GUARDS], D[st.LOWER], D[st.UPPER]
     due = False
     for row in range(0, rows_read(L, False, slot), LANES):
         place = place_of(row)
         for k in range(LANES):
-            zeros, here = _zero_tolerances(P, L, slot, size, place + k), now + place + k
+            zeros, here = _zero_tolerances(P, L, slot, sizes, place + k), now + place + k
             value, rate, bend = S[here], S[here + LANES], S[here + 2 * LANES]
             due |= _due(value - S[upper + row + k], rate, bend, zeros)
             due |= _due(S[lower + row + k] - value, -rate, -bend, zeros)
@@ -136,14 +138,14 @@ def _any_due(P, L, S, D, slot, size):
 @compiled
 def initial_direction(P, L, S, D, slot):
     """Direction in which sum T_i x_i begins to move: the sign of its lowest derivative that is not zero to rounding."""
-    at, block, size = slot_of(L, slot), block_of(L, slot), total_size(S, 0, L[pg.ROWS])
+    at, block, sizes = slot_of(L, slot), block_of(L, slot), term_sizes(L, S)
     for g in range(L[at + tb.GUARD_COUNT]):
         if L[at + tb.FIRST_GUARD + 2 * g] != L[pg.G]:
             continue
         row = L[at + tb.FIRST_GUARD + 2 * g + 1]
         for k in range(3):
             value = S[D[st.NOW_GUARDS] + place_of(row) + k * LANES]
-            if abs(value) > ZERO_TOLERANCE * size * P[block + L[tb.SIZES] + place_of(row) + k * LANES]:
+            if abs(value) > ZERO_TOLERANCE * sizes[k] * P[block + L[tb.SIZES] + place_of(row) + k * LANES]:
                 D[st.DIRECTION] = 1 if value > 0.0 else -1
                 break
     set_guard_signs(P, L, S, D, slot)
