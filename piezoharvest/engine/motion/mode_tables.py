@@ -21,7 +21,7 @@ from piezoharvest.engine.memory.tables import (
 )
 from piezoharvest.engine.motion.exponentials import digits, exponentials, free_step_matrix, line_deviations
 from piezoharvest.engine.motion.mode_forms import delayed_forms, forms_of_mode
-from piezoharvest.engine.motion.term_sizes import constant_share
+from piezoharvest.engine.motion.term_sizes import bound_by_clamp, constant_share
 from piezoharvest.engine.work_limit import spend_products
 
 
@@ -44,6 +44,7 @@ def build(P, L, D, configuration, slip):
         longest = min(longest, P[L[pg.ON_TIME]] * P[L[pg.STAGE] + configuration])
     exponentials(P, L, slot, configuration, longest)
     P[block_of(L, slot) + L[CONSTANT_SHARE]] = constant_share(P, L, slot)
+    bound_by_clamp(P, L, slot)
     delayed_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         line_deviations(P, L, slot)

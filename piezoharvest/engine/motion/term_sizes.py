@@ -48,6 +48,29 @@ def _share_of_last(P, at, stride, last):
 
 
 @compiled
+def bound_by_clamp(P, L, slot):
+    """Lower the sizes of guards by what conducting diodes hold at zero, any multiple of which may be added to a form.
+
+    The voltage of a small smoothing capacitor has a small weight in the state and a large coefficient, but it cannot be
+    larger than the other terms of the form that is held.
+    """
+    held, forms, a = L[slot_of(L, slot) + tb.CLAMPED_FORM], 3 * L[tb.FORMS], L[pg.A]
+    block = block_of(L, slot)
+    for row in range(forms if held != NONE else 0):
+        at, first = block + L[tb.GUARDS] + row, 0
+        for j in range(1, a):
+            if abs(P[at + j * forms]) > abs(P[at + first * forms]):
+                first = j
+        if P[held + first] != 0.0:
+            factor, largest = P[at + first * forms] / P[held + first], 0.0
+            for j in range(a):
+                if j != first:
+                    largest = max(largest, abs(P[at + j * forms] - factor * P[held + j]))
+            size = block + L[tb.SIZES] + row
+            P[size] = min(P[size], largest)
+
+
+@compiled
 def term_sizes(P, L, S, slot):
     """Sums of the absolute values of what values, rates, and second rates of forms are made of, in the present state.
 
