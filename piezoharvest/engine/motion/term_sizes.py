@@ -9,7 +9,6 @@ from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import total_size
 
-
 STRONG_SHARE = 1e-3  # a constant with less of the largest coefficient counts with this share only
 
 
