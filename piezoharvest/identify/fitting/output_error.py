@@ -197,17 +197,26 @@ def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """
     size = np.maximum(np.sqrt(np.abs(np.diag(information + prior))), 1e-50)
     values, vectors = np.linalg.eigh((information + prior) / np.outer(size, size))
-    determined, undetermined = (
-        values > MIN_EIGENVALUE_RATIO * values.max(),
-        values <= MIN_EIGENVALUE_RATIO * values.max(),
-    )
-    found = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
-    if np.any(undetermined):
-        null = vectors[:, undetermined] / size[:, None]
+    rounding = MIN_EIGENVALUE_RATIO * values.max()
+    known = values > rounding
+    found = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    if not np.all(known):
+        without = _without_rounding(vectors[:, ~known], rounding * (np.abs(vectors[:, known]) @ (1.0 / values[known])))
+        null = without / size[:, None]
         left, right = np.linalg.eigh(null.T @ prior @ null)
         left = np.maximum(left, np.max((null @ right) ** 2, axis=0) / UNKNOWN_VARIANCE)
-        found = found + (vectors[:, undetermined] @ right / left) @ (vectors[:, undetermined] @ right).T
+        found = found + (without @ right / left) @ (without @ right).T
     return found / np.outer(size, size)
+
+
+def _without_rounding(vectors: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Eigenvectors (n, k) without data, whose components that are only rounding errors (n,) are zero.
+
+    A start of the charge and an offset of the voltage are the same behind open electrodes: nothing is known of their
+    difference, and a part in 1e16 of what is not known would be more than all that is known of the mass. The error is
+    of first order in that of the matrix, over the eigenvalues of the other vectors. The largest component always stays.
+    """
+    return np.where(np.abs(vectors) > np.minimum(error, 0.5 / np.sqrt(len(vectors)))[:, None], vectors, 0.0)
 
 
 def inverse(information: np.ndarray) -> np.ndarray:

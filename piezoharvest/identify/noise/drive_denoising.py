@@ -7,12 +7,13 @@ back and forth. So a model is driven by the drive without what is certainly nois
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import dct, idct
 
 from piezoharvest.identify.noise.kink_detection import HIGHEST_OCTAVE, MIN_LINES, kink_free_noise, signal_end
-from piezoharvest.identify.noise.tones import refined, tones
+from piezoharvest.identify.noise.tones import DriveTones, refined, tones
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
 
@@ -30,6 +31,16 @@ BUILD_UP_RATIO = (
 )
 SLOW_LINE_MARGIN = 10.0  # times the mean power of noise, above the expected largest of the slow lines
 MIN_LEVEL = 5  # level from which on an average is taken; faster parts are left unchanged
+
+
+class FoundTones(NamedTuple):
+    """Sines that a drive was found to be from a sample on, if any: start values for the same drive with other noise."""
+
+    begin: int
+    angles: np.ndarray
+
+
+NO_TONES = FoundTones(0, np.empty(0))
 
 
 def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
@@ -50,12 +61,26 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     -------
     (n,) array
     """
+    return denoised_and_tones(values, sigma)[0]
+
+
+def denoised_and_tones(
+    values: np.ndarray, sigma: float, like: FoundTones | None = None
+) -> tuple[np.ndarray, FoundTones]:
+    """As `denoised`, with the sines that the drive was found to be; those of one `like` it are tried first.
+
+    Finding them anew takes ten times as long as refining them. Where one like it is no sum of sines, it is none either.
+    """
     levels, averages = _averages(values, sigma)
     plateaus = _plateaus(values, levels, averages, sigma)
-    steady = _steady_tones(values, plateaus, sigma)
-    if steady is not None:
-        return steady
-    return _fit_tones(values, plateaus, sigma, _locally_averaged(values, levels, averages, plateaus, sigma))
+    if like is not NO_TONES and (like is None or not like.begin):
+        steady = _steady_tones(values, plateaus, sigma, like)
+        if steady is not None:
+            return steady.since(0), FoundTones(0, steady.angles)
+    otherwise = _locally_averaged(values, levels, averages, plateaus, sigma)
+    if like is NO_TONES:
+        return otherwise, NO_TONES
+    return _fit_tones(values, plateaus, sigma, otherwise, like)
 
 
 def high_frequency_noise(values: np.ndarray) -> tuple[float, int] | None:
@@ -137,22 +162,26 @@ def _moves_later(values: np.ndarray, plateaus: list[tuple[int, int]]) -> tuple[i
     return rest, not (still or len(jumps_of(values)) or count < 4 * MIN_LINES)
 
 
-def _steady_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float) -> np.ndarray | None:
+def _steady_tones(
+    values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, like: FoundTones | None
+) -> DriveTones | None:
     """Drive as a sum of sines throughout, or None: the usual one, for which no other way needs to be tried."""
     rest, moves = _moves_later(values, plateaus)
-    fitted = tones(values) if moves and not rest else None
-    found = None if fitted is None else fitted.since(0)
-    return found if found is not None and _is_noise(values - found, sigma) else None
+    fitted = tones(values, None if like is None else like.angles) if moves and not rest else None
+    return fitted if fitted is not None and _is_noise(values - fitted.since(0), sigma) else None
 
 
-def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
+def _fit_tones(
+    values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, otherwise: np.ndarray, like: FoundTones | None
+) -> tuple[np.ndarray, FoundTones]:
     """Drive as a sum of sines, from where on these leave only noise: after a rest or after a build-up."""
     count = len(values)
     rest, moves = _moves_later(values, plateaus)
     if not moves:
-        return otherwise
-    for begin in (*((rest + ONSET_SAMPLES,) if rest else ()), *(max(rest, count // part) for part in BUILD_UP_PARTS)):
-        fitted = tones(values[begin:])
+        return otherwise, NO_TONES
+    begins = [*([rest + ONSET_SAMPLES] if rest else []), *(max(rest, count // part) for part in BUILD_UP_PARTS)]
+    for begin in begins if like is None else sorted(begins, key=lambda each: each != like.begin):
+        fitted = tones(values[begin:], None if like is None else like.angles)
         if fitted is None or not _is_noise(values[begin:] - fitted.since(0), sigma):
             continue
         found = fitted.since(begin)
@@ -162,8 +191,8 @@ def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float
             found[: int(np.argmin(better)) + 1] = otherwise[0]
         if not _is_noise(values - found, sigma):
             found = _after_build_up(values, found, otherwise, begin, fitted.angles, sigma)
-        return found
-    return otherwise
+        return found, FoundTones(begin, fitted.angles)
+    return otherwise, NO_TONES
 
 
 def _after_build_up(

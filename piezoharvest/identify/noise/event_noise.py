@@ -124,7 +124,7 @@ class EventNoise:
         prediction, channels, found = self._prediction, self._channels, []
         drives: Iterable[np.ndarray] = [self._drive] * count
         if self._noise > 0.0:
-            drives = noisy_drives(self._signal, self._drive, times * self._noise, count, kept=times == 1.0)
+            drives = noisy_drives(self._signal, self._drive, times * self._noise, count)
         for seed, noisy in enumerate(drives):
             again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
             try:

@@ -7,17 +7,39 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from piezoharvest.identify.noise.drive_denoising import denoised
+from piezoharvest.identify.noise.drive_denoising import FoundTones, denoised_and_tones
 from piezoharvest.records.record import Signal
 
-KEPT = 4  # realisations for each signal that are kept: those that many models use
-_KNOWN: WeakKeyDictionary[Signal, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
+MAX_KEPT = 1 << 22  # numbers that are kept for each signal and noise (32 MiB): all realisations of most records
+NOISES = 2  # for which they are kept: that of the drive, and a wider one
 
 
-def noisy_drives(
-    signal: Signal, true: np.ndarray, sigma: float, count: int, *, kept: bool = True
-) -> Iterator[np.ndarray]:
-    """Drives with noise added and removed again; the first ones are cached, since many models use them.
+class _Realisations:
+    """Realisations for one noise; many models use the first ones."""
+
+    def __init__(self, true: np.ndarray, sigma: float) -> None:
+        self.true, self.sigma = true, sigma
+        self.kept: list[np.ndarray] = []
+        self.like: FoundTones | None = None
+
+    def each(self, count: int) -> Iterator[np.ndarray]:
+        for seed in range(count):
+            if seed < len(self.kept):
+                yield self.kept[seed]
+                continue
+            draw = np.random.default_rng([len(self.true), seed]).standard_normal(len(self.true))
+            found, like = denoised_and_tones(self.true + self.sigma * draw, self.sigma, self.like)
+            self.like = like if self.like is None else self.like
+            if seed == len(self.kept) and len(found) * (seed + 1) <= MAX_KEPT:
+                self.kept.append(found)
+            yield found
+
+
+_KNOWN: WeakKeyDictionary[Signal, list[_Realisations]] = WeakKeyDictionary()
+
+
+def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> Iterator[np.ndarray]:
+    """Drives with noise added and removed again.
 
     Parameters
     ----------
@@ -29,23 +51,8 @@ def noisy_drives(
         Standard deviation of its noise.
     count : int
         Number of realisations.
-    kept : bool
-        False for realisations that are used once, with a noise other than that of the drive.
     """
-    if not kept:
-        yield from (_realisation(true, sigma, seed) for seed in range(count))
-        return
-    known, drawn = _KNOWN.get(signal, (np.nan, []))
-    if known != sigma:
-        drawn = []
-    for seed in range(len(drawn), min(count, KEPT)):
-        drawn = [*drawn, _realisation(true, sigma, seed)]
-    _KNOWN[signal] = sigma, drawn
-    yield from drawn[:count]
-    for seed in range(KEPT, count):
-        yield _realisation(true, sigma, seed)
-
-
-def _realisation(true: np.ndarray, sigma: float, seed: int) -> np.ndarray:
-    draw = np.random.default_rng([len(true), seed]).standard_normal(len(true))
-    return denoised(true + sigma * draw, sigma)
+    known = _KNOWN.get(signal, [])
+    found = next((each for each in known if each.sigma == sigma), None) or _Realisations(true, sigma)
+    _KNOWN[signal] = [found, *(each for each in known if each is not found)][:NOISES]
+    return found.each(count)

@@ -41,7 +41,7 @@ class DriveTones(NamedTuple):
         return _columns(np.arange(-early, self.count) - 0.5 * (self.count - 1), self.angles) @ self.sizes
 
 
-def tones(values: np.ndarray) -> DriveTones | None:
+def tones(values: np.ndarray, angles: np.ndarray | None = None) -> DriveTones | None:
     """Constant and sines that are significant above the noise of some samples, by least squares.
 
     The strongest lines of the residual are added until none is left, all frequencies being refined each time (Newton's
@@ -50,6 +50,8 @@ def tones(values: np.ndarray) -> DriveTones | None:
     Parameters
     ----------
     values : (n,) array
+    angles : (tones,) array, optional
+        Start values per sample, of a drive like this one: if they are right, nothing is searched for.
 
     Returns
     -------
@@ -59,7 +61,9 @@ def tones(values: np.ndarray) -> DriveTones | None:
     if len(values) > MAX_SAMPLES:
         return None
     found = DriveTones(len(values), np.empty(0), np.array([values.mean()]))
-    left, squares = values - values.mean(), np.inf
+    if angles is not None and len(angles):
+        found = refined(values, angles, NEWTON_STEPS)
+    left, squares = values - found.since(0), np.inf
     while left @ left < MAX_RESIDUAL_RATIO * squares:
         squares = left @ left
         more = _lines(left, found.angles)
