@@ -66,7 +66,8 @@ class PageServer:
             raise OutputError(f"port {port}: the page cannot be served there ({error.strerror})") from None
         self.port: int = sockets[0].getsockname()[1]
         logging.getLogger("bokeh").setLevel(logging.ERROR)  # stderr is for what concerns the user
-        logging.getLogger("tornado.access").setLevel(logging.CRITICAL)
+        for name in ("access", "general", "application"):  # who asks for what, and with which token
+            logging.getLogger(f"tornado.{name}").setLevel(logging.CRITICAL)
         application = BokehTornado(
             page, extra_websocket_origins=[f"{name}:{self.port}" for name in (_LOOPBACK, "localhost")],
             websocket_max_message_size_bytes=_LARGEST, use_index=False,

@@ -107,11 +107,11 @@ def _columns(name: str, shape: tuple[int, ...]) -> Iterator[str]:
     """Names of the columns of an array: samples run along its longest axis."""
     if prod(shape) <= 1:
         return
-    if prod(shape) == max(shape):
-        yield name or "[:]"
+    axis = int(np.argmax(shape))
+    if name and prod(shape) == max(shape):
+        yield name
     elif prod(shape) // max(shape) > _MAX_LISTED_COLUMNS:
         yield f"{name}[{', '.join(f'0..{n - 1}' for n in shape)}]"
     else:
-        axis = int(np.argmax(shape))
         for index in product(*(":" if n == axis else map(str, range(size)) for n, size in enumerate(shape))):
             yield f"{name}[{', '.join(index)}]"

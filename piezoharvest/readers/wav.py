@@ -16,6 +16,19 @@ from piezoharvest.readers.units import Unit
 # Specifications 1.0" (1991) has them; scipy puts the 24 bits of a sample into the upper bits of 32.
 _FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31}
 _NOTE = Unit("full scale", "full scale", 1.0)  # converts to no unit of a channel, so that the record has to give a gain
+_INCOMPLETE = "not a complete WAV file: it is cut off, or damaged"
+
+
+def _check_length(path: Path) -> None:
+    """Raise `ReadError` if a chunk up to that of the samples is longer than the file: scipy would allocate it."""
+    with path.open("rb") as file:
+        kind, size = file.read(12)[:4], path.stat().st_size
+        name = b"" if kind != b"RF64" else b"data"  # which has lengths of 64 bits elsewhere
+        while name != b"data" and len(head := file.read(8)) == 8:
+            name, length = head[:4], int.from_bytes(head[4:], "big" if kind == b"RIFX" else "little")
+            if file.tell() + length > size:
+                raise ReadError(_INCOMPLETE)
+            file.seek(length + length % 2, 1)
 
 
 class Wav(Reader):
@@ -31,6 +44,7 @@ class Wav(Reader):
         from scipy.io import wavfile
 
         super().__init__(path)
+        _check_length(path)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks that hold no samples
@@ -41,8 +55,7 @@ class Wav(Reader):
         except Exception as error:  # scipy raises struct.error, ValueError and others on damaged files
             # Others speak of scipy's own code: a file that is cut off gives an array that cannot be reshaped.
             own = isinstance(error, ValueError | Warning) and "reshape" not in str(error)
-            said = f" ({error})" if own else ": it is cut off, or damaged"
-            raise ReadError(f"not a complete WAV file{said}") from None
+            raise ReadError(f"not a complete WAV file ({error})" if own else _INCOMPLETE) from None
         if not self._rate > 0 or samples.dtype.kind not in "uif":
             raise ReadError(f"found {samples.dtype} at {self._rate} Hz, allowed are numbers at a rate above 0 Hz")
         if not samples.size:

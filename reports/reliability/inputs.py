@@ -7,10 +7,11 @@ import io
 import json
 import random
 import re
+import resource
 import tempfile
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from reports.reliability.mutation import mutate_bytes, mutate_tables, mutate_tex
 from reports.reliability.studies import Draw
 
 LONG = {"file": 10.0, "tables": 60.0}  # s of processor time; the work limit ends a simulation within half of that
+MEMORY = 2 * 2**30  # bytes of the process and of each that it starts: what needs more fails
 SHARE_OF_FILES = 0.8
 COMMANDS = ("simulate", "simulate", "simulate", "measure", "export", "sweep", "design", "identify")
 PLAIN: dict[str, Any] = {
@@ -56,13 +58,24 @@ def attempt_input(seed: int) -> dict[str, Any]:
     rng, begin = random.Random(seed), time.process_time()
     row: dict[str, Any] = {"seed": seed, "kind": "", "closure": None}
     is_file = rng.random() < SHARE_OF_FILES
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+    with _limited_memory(), tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of readers about their files; the program tells what it thinks of them
         row |= _of_file(rng, Path(folder)) if is_file else _of_tables(seed, rng, Path(folder))
     seconds = time.process_time() - begin
     if seconds > LONG["file" if is_file else "tables"] and row["outcome"] != "internal error":
         row |= {"outcome": "slow", "what": f"{seconds:.0f} s: {row['what']}"}
     return {**row, "seconds": round(seconds, 3)}
+
+
+@contextlib.contextmanager
+def _limited_memory() -> Iterator[None]:
+    """Limit the memory of this process, and of those that it starts meanwhile."""
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
 def _of_file(rng: random.Random, folder: Path) -> dict[str, Any]:

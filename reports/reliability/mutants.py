@@ -37,10 +37,11 @@ OPERATORS = re.compile(
 FITS = ("identify/test_noise_limits", "identify/test_tones", "identify/test_shared_equations",
         "identify/test_fit_parts", "identify/test_denoise", "identify/test_data", "identify/test_measured_responses",
         "identify/test_identify", "identify/test_loops", "identify/test_circuit_records")  # fmt: skip
-MOTIONS = ("engine/test_event_parts", "engine/test_equilibrium", "test_hysteresis", "engine/test_steady_states",
-           "engine/test_extraction", "engine/test_trajectories", "engine/test_linear_shunts", "engine/test_vector",
-           "engine/test_trust", "engine/test_many", "literature/test_harvesting", "literature/test_switched_damping",
-           "shunts/test_diode", "engine/test_limits")  # fmt: skip
+MOTIONS = ("engine/test_event_parts", "engine/test_equilibrium", "engine/test_scales", "test_hysteresis",
+           "engine/test_steady_states", "engine/test_extraction", "engine/test_trajectories",
+           "engine/test_linear_shunts", "engine/test_vector", "engine/test_trust", "engine/test_many",
+           "literature/test_harvesting", "literature/test_switched_damping", "shunts/test_diode",
+           "engine/test_limits")  # fmt: skip
 TESTS: dict[str, tuple[str, ...]] = {
     "equations": ("conformance/test_one_physics", "test_linear", *MOTIONS),
     **dict.fromkeys(("engine/events", "engine/motion", "engine/steady_state", "engine/lowering"), MOTIONS),

@@ -98,16 +98,30 @@ def _of_inputs(rows: Rows) -> list[str]:
     """What became of wrong files and tables."""
     kinds, outcomes = sorted({row["kind"] for row in rows}), sorted({row["outcome"] for row in rows})
     counts = Counter((row["kind"], row["outcome"]) for row in rows)
-    seconds = max(row["seconds"] for row in rows)
+    files, tables = ([row for row in rows if ("." in row["kind"]) == is_file] for is_file in (True, False))
     lines = [
-        f"{len(rows)} inputs, valid ones made wrong where their structure is (`python -m reports.reliability --inputs`;"
-        f" seeds {min(row['seed'] for row in rows)} and above), read as files or given to a command. Refused means: in "
-        f"one sentence, with status 2. Processor time of one: at most {seconds:.1f} s.", "",
+        f"{len(files)} files and {len(tables)} sets of tables, valid ones made wrong where their structure is (`python "
+        f"-m reports.reliability --inputs`; seeds {min(row['seed'] for row in rows)} and above), read, or given to a "
+        "command, in 2 GiB of memory. Refused means: in one sentence, with status 2. Processor time of one: at most "
+        f"{_most_seconds(files)} s of a file, {_most_seconds(tables)} s of tables.", "",
         f"| input | {' | '.join(outcomes)} |", "|---|" + "---|" * len(outcomes),
     ]  # fmt: skip
     lines += [f"| {kind} | {' | '.join(str(counts[kind, each]) for each in outcomes)} |" for kind in kinds]
     bad = [row for row in rows if row["outcome"] in ("internal error", "impossible", "slow")]
-    return [*lines, "", *(f"- {row['seed']} ({row['kind']}) {row['outcome']}: {row['what']}" for row in bad)]
+    wrong = [f"- {row['seed']} ({row['kind']}) {row['outcome']}: {row['what']}" for row in bad]
+    return [
+        *lines,
+        *([""] if wrong else []),
+        *wrong,
+        "",
+        "What was found, and is refused or read now:",
+        "",
+        *_findings("inputs"),
+    ]
+
+
+def _most_seconds(rows: Rows) -> str:
+    return f"{max((row['seconds'] for row in rows), default=0.0):.1f}"
 
 
 def _of_kills(rows: Rows) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -206,6 +207,21 @@ class TestWav:
         message = failure(tmp_path / "run.wav", 1)
         assert "not a complete WAV file" in message
         assert "local variable" not in message
+
+    @pytest.mark.parametrize(("place", "bits"), [(16, 16), (40, 16), (54, 16), (54, 24), (54, "float")])
+    def test_a_length_beyond_the_file_takes_no_memory(self, tmp_path, place, bits):
+        """Of the format, of a remark, and of the samples: 2 GiB in a file of a few hundred bytes."""
+        self.write(tmp_path / "run.wav", bits)
+        data = bytearray((tmp_path / "run.wav").read_bytes())
+        assert data[place - 4 : place] in (b"fmt ", b"bext", b"data")
+        data[place : place + 4] = struct.pack("<I", 2**31)
+        (tmp_path / "run.wav").write_bytes(data)
+        tracemalloc.start()
+        try:
+            assert "not a complete WAV file" in failure(tmp_path / "run.wav", 1)
+            assert tracemalloc.get_traced_memory()[1] < 2**24
+        finally:
+            tracemalloc.stop()
 
     def test_nothing_recorded(self, tmp_path):
         wavfile.write(tmp_path / "run.wav", 1000, np.zeros((0, 2), "i2"))

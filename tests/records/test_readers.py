@@ -323,6 +323,14 @@ class TestMatrices:
         for name in ("run.npz", "run.h5", "run.mat"):
             same(tmp_path / name, "data[:, 0]", "data[:,1]", "data[:, 2]")
 
+    @pytest.mark.parametrize(("shape", "column"), [((-1,), "[:]"), ((-1, 1), "[:, 0]"), ((1, -1, 1), "[0, :, 0]")])
+    def test_a_vector_without_a_name(self, tmp_path, shape, column):
+        """One column or one row of a matrix is a vector, too."""
+        np.save(tmp_path / "run.npy", FORCE.reshape(shape))
+        assert open_reader(tmp_path / "run.npy").names == (column,)
+        for name in (1, column):
+            np.testing.assert_array_equal(read(tmp_path / "run.npy", name)[0], FORCE)
+
     def test_rows_are_samples_if_there_are_more_of_them(self, tmp_path):
         """Simulink's "To File" writes one channel in a row."""
         write_mat(tmp_path / "run.mat", {"ans": np.vstack([TIME, FORCE, CURRENT])})

@@ -31,7 +31,7 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     TABLES, BLOCK, SLOTS, SLOT, CLAMPED, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, FREE_STEP, SIZES, OUTPUTS, PRODUCTS, GROWTH,
-    GRAMIAN, DIGITS, FREE_STEP_ROWS, DELAYED,
+    GRAMIAN, DIGITS, FREE_STEP_ROWS, DELAYED, CONSTANT_SHARE,
     # the work that is left, and the value of it at the next check (see `work_limit`).
     WORK_LEFT, NEXT_CHECK,
 ) = range(pg.CONTENTS, pg.CONTENTS + pg.ROOM)  # fmt: skip
@@ -59,7 +59,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         FREE_STEP: glide_rows * columns if sampled else 0,
         DELAYED: 3 * forms * columns, SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
-        DIGITS: -(-LEVELS // DIGIT_BITS) * LARGEST * square if sampled else 0,
+        DIGITS: -(-LEVELS // DIGIT_BITS) * LARGEST * square if sampled else 0, CONSTANT_SHARE: 1,
     }  # fmt: skip
     offset = 0
     for place, size in sizes.items():

@@ -16,7 +16,7 @@ from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
-from piezoharvest.engine.memory.tables import block_of
+from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import dot
 from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
 from piezoharvest.engine.motion.term_sizes import term_sizes
@@ -59,13 +59,14 @@ def _opened_by(L, configuration):
 
 
 @compiled
-def begin_clamp(P, L, S, D, form):
-    """Move charge so that a form that diodes keep at zero from now on is exactly zero, if it is zero to rounding.
+def begin_clamp(P, L, S, D, slot):
+    """Move charge so that the form that the diodes of a mode keep at zero is exactly zero, if it is zero to rounding.
 
     At the beginning of a run the sensitivities follow; after an event they are set by `saltation`.
     """
+    form = L[slot_of(L, slot) + tb.CLAMPED_FORM]
     value, slope = dot_column(P, form, 1, S, 0, L[pg.A]), charge_slope(P, L, D, form)
-    if slope == 0.0 or abs(value) > ROUNDING_SHARE * term_sizes(L, S)[0]:
+    if slope == 0.0 or abs(value) > ROUNDING_SHARE * term_sizes(P, L, S, slot)[0]:
         return
     move_charge(P, L, S, D, 0, -value / slope)
     for s in range(0 if D[st.INCOMPLETE] else D[st.SENSITIVITIES]):

@@ -7,6 +7,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.tables import (
     ACCOUNTED,
     CLAMPED,
+    CONSTANT_SHARE,
     KEY,
     LEVELS,
     MAP,
@@ -20,6 +21,7 @@ from piezoharvest.engine.memory.tables import (
 )
 from piezoharvest.engine.motion.exponentials import digits, exponentials, free_step_matrix, line_deviations
 from piezoharvest.engine.motion.mode_forms import delayed_forms, forms_of_mode
+from piezoharvest.engine.motion.term_sizes import bound_by_clamp, constant_share
 from piezoharvest.engine.work_limit import spend_products
 
 
@@ -41,6 +43,8 @@ def build(P, L, D, configuration, slip):
     if L[pg.SWITCHED] in (1, pg.CLOCKED) and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]] * P[L[pg.STAGE] + configuration])
     exponentials(P, L, slot, configuration, longest)
+    P[block_of(L, slot) + L[CONSTANT_SHARE]] = constant_share(P, L, slot)
+    bound_by_clamp(P, L, slot)
     delayed_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         line_deviations(P, L, slot)

@@ -44,7 +44,7 @@ def process_due_events(P, L, S, D):
         if known != slot:
             set_guard_signs(P, L, S, D, slot)
             if L[slot_of(L, slot) + tb.CLAMPED_FORM] != NONE:
-                begin_clamp(P, L, S, D, L[slot_of(L, slot) + tb.CLAMPED_FORM])
+                begin_clamp(P, L, S, D, slot)
         known = NONE
         read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
         if L[pg.SWITCHED] and L[pg.SWITCHED] != pg.CLOCKED and D[st.DIRECTION] == 0:
@@ -89,7 +89,7 @@ def first_due(P, L, S, D, slot):
 
     Zero is relative to the size of the guard's terms and to its change in a short step.
     """
-    sizes = term_sizes(L, S)
+    sizes = term_sizes(P, L, S, slot)
     S[D[st.SIZE]] = sizes[0]
     if not _any_due(P, L, S, D, slot, sizes):
         return NONE
@@ -138,7 +138,7 @@ def _any_due(P, L, S, D, slot, sizes):
 @compiled
 def initial_direction(P, L, S, D, slot):
     """Direction in which sum T_i x_i begins to move: the sign of its lowest derivative that is not zero to rounding."""
-    at, block, sizes = slot_of(L, slot), block_of(L, slot), term_sizes(L, S)
+    at, block, sizes = slot_of(L, slot), block_of(L, slot), term_sizes(P, L, S, slot)
     for g in range(L[at + tb.GUARD_COUNT]):
         if L[at + tb.FIRST_GUARD + 2 * g] != L[pg.G]:
             continue

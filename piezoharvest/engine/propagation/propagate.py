@@ -52,14 +52,13 @@ def _scan_guards(P, L, S, D, slot, now, then, step):
             f0, d0, s0, f1, d1, s1 = _ends(S, now, then, row, k)
             high, low = S[upper + row + k], S[lower + row + k]
             above0, above1, below0, below1 = f0 - high, f1 - high, low - f0, low - f1
-            floor = rounding_floor(P, L, S, D, slot, place_of(row) + k, high)
-            rising |= _may_rise(above0, d0, s0, above1, d1, s1, step, floor) * bit_of(row + k)
+            over = rounding_floor(P, L, S, D, slot, place_of(row) + k, high)
+            rising |= _may_rise(above0, d0, s0, above1, d1, s1, step, over) * bit_of(row + k)
             floor = rounding_floor(P, L, S, D, slot, place_of(row) + k, low)
             falling |= _may_rise(below0, -d0, -s0, below1, -d1, -s1, step, floor) * bit_of(row + k)
-            size, doubtful = (
-                min(_size(above0, above1), _size(below0, below1)),
-                interpolation_error(f0, d0, s0, f1, d1, s1, step),
-            )
+            # An error below rounding is no reason for short steps: a guard may be zero, and its rate may not.
+            size = min(_size(above0, above1) + over, _size(below0, below1) + floor)
+            doubtful = interpolation_error(f0, d0, s0, f1, d1, s1, step)
             highest = max(max(above0, above1), max(below0, below1))
             too_long |= (doubtful > MAX_ERROR * size) | may_have_two_extrema(f0, d0, f1, d1, step, highest, 1e4 * floor)
             bent |= doubtful > DOUBLING_ERROR * size
