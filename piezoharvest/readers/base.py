@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import unicodedata
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,6 +73,8 @@ class Reader(ABC):
         Libraries that may crash on a damaged file: if there are any, the files are read in a separate process.
     most_bytes : int
         Largest allowed file size.
+    channels : mapping of str to str
+        Channels that columns of the format hold, by their names in lower case, where these are always the same.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class Reader(ABC):
     by_lines: ClassVar[bool] = False
     unsafe: ClassVar[tuple[str, ...]] = ()
     most_bytes: ClassVar[int] = 1 << 62
+    channels: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def __init__(self, path: Path):
         self.path = path

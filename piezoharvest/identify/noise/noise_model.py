@@ -23,7 +23,7 @@ CEILING_FACTOR = 1.3  # times the noise at a channel's highest frequencies: scat
 MIN_NOISE_RATIO = 0.1  # of the noise before: limits the weight that a channel with less noise gets at once
 MAX_ITERATIONS, TOLERANCE = 50, 1e-6  # most iterations to the most likely noise, and relative change at the end
 MIN_EIGENVALUE_RATIO = 1e-12  # relative eigenvalue of an information matrix that counts as zero
-MAX_SHARE_VARIANCE = 1.0  # relative variance of a noise's square from which on the residuals do not determine it
+LEAST_INFORMATION = 1.0  # about the square of a noise, in units of that square: below, residuals do not determine it
 FOURTH_DIFFERENCE_GAIN = 70.0  # gain of fourth differences in the variance of white noise
 
 
@@ -108,17 +108,13 @@ def estimate(
 
 
 def _determined(free: np.ndarray, parts: Sequence[_BandSpectrum], shares: np.ndarray) -> np.ndarray:
-    """Of the free shares, those that the residuals determine to within their own size.
+    """Of the free shares, those that the residuals would determine to within their own size if the others were known.
 
     The noise of a drive shows in the residuals only where the specimen responds to it. Far above a resonance it does
     not, and the most likely value would be anywhere between the limits.
     """
-    if not len(free):
-        return free
-    information = np.sum([_scoring(part, shares)[0] for part in parts], axis=0)[np.ix_(free, free)]
-    values, vectors = np.linalg.eigh(information)
-    variances = (vectors**2) @ (1.0 / np.maximum(values, MIN_EIGENVALUE_RATIO * values.max()))
-    return free[variances <= MAX_SHARE_VARIANCE]
+    information = sum((np.diag(_scoring(part, shares)[0]) for part in parts), start=np.zeros(len(shares)))
+    return free[information[free] >= LEAST_INFORMATION]
 
 
 def _most_likely(

@@ -16,7 +16,8 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.readers import Reader, ReadError, open_reader
-from piezoharvest.readers.units import ratio_of, stated_unit
+from piezoharvest.readers.base import last_part
+from piezoharvest.readers.units import Unit, ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
 from piezoharvest.records.reading.impedance_forms import QUANTITIES
@@ -29,13 +30,15 @@ _WORDS: Mapping[str, str] = MappingProxyType({
     "dc_voltage": r"v?_?dc.*|dc.*volt.*|.*storage.*",
     "gate": r"gate.*|trig.*",
     "force": r"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*",
-    "displacement": r"x|.*disp.*|.*position.*|.*weg.*|.*auslenk.*|.*laser.*|lvdt.*",
+    "displacement": r"x|.*disp.*|.*position.*|.*weg.*|.*auslenk.*|.*laser.*|lvdt.*|.*strain.*|.*dehnung.*",
     "velocity": r".*velocity.*|vel|.*vibrometer.*|.*geschw.*",
     "acceleration": r"acc|.*accel.*|.*beschl.*",
     "current": r"i|.*current.*|.*strom.*",
     "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*",
 })  # fmt: skip
+_MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
+_LEAST_COUNTED = 2  # samples whose numbers are consecutive
 _OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
 _RATIOS = {
     ratio_of(UNITS[top], UNITS[below]): (top, below)
@@ -106,7 +109,7 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     if frequency is None or (frequency.lower() == "f" and reader.unit(frequency) is None):  # which may be a force
         return None
     count = len(reader.read([frequency])[frequency])
-    units = [unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
+    units = [unit.of or unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
     # Names of other quantities, as g, b and y, may also be those of a channel.
     telling = ("real", "magnitude", *(part for part, quantity in QUANTITIES.items() if quantity.unit in ("F", "H")))
     named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "conductance", "admittance", *telling)}
@@ -136,7 +139,10 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
             wrong = "no increasing times" if raw is not None else "no numbers"
             doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
         elif unit is not None and unit.firm and unit.si != UNITS[channel]:
-            doubts.append(f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing")
+            shape = ", which the mode shape at the gauge gives," if unit.si == "strain" else ""
+            doubts.append(
+                f"{channel} is in {unit.text}: its gain{shape} in {UNITS[channel]} for one {unit.text} is missing"
+            )
             units[channel] = OTHER_UNIT
         else:
             units[channel] = "" if unit is None else " ".join(unit.text.split())
@@ -169,20 +175,32 @@ def _numbers(reader: Reader, name: str) -> np.ndarray | None:
 
 def _by_name(reader: Reader) -> dict[str, int]:
     """Columns, by their numbers from 1, that are named like a channel: default ones, then those in its unit, first."""
-    names = list(reader.names)
     found: dict[str, list[tuple[int, int]]] = {}
     for n, full in _resolved(reader).items():
-        name = names[n - 1]
-        bare = stated_unit(name)[0].strip().strip('"').lower().replace("_", " ").strip()
-        words = (bare, name.lower())
-        channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
-        default = next((c for c, column in COLUMNS.items() if column == name), None)
-        if default is not None:
-            found.setdefault(default, []).append((0, n))
-        elif channel is not None:
-            unit = reader.unit(full)
-            found.setdefault(channel, []).append((1 if unit is not None and unit.si == UNITS[channel] else 2, n))
+        name, unit = reader.names[n - 1], reader.unit(full)
+        default = next((c for c, column in COLUMNS.items() if column == name), reader.channels.get(name.lower()))
+        channel = default or _named_like(name, unit)
+        if default is not None or (channel is not None and not _counts(reader, full, channel)):
+            first = 0 if default is not None else 1 if unit is not None and unit.si == UNITS[channel] else 2
+            found.setdefault(channel, []).append((first, n))
     return {channel: min(places)[1] for channel, places in found.items()}
+
+
+def _named_like(name: str, unit: Unit | None) -> str | None:
+    """Channel that a name, or the last part of its path, is a word for; a motion by the unit that the file states."""
+    parts = (name, last_part(name), name.rsplit(".", 1)[-1])
+    bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
+    words = (*bare, name.lower())
+    channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
+    if channel in _MOTIONS and unit is not None:
+        return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
+    return channel
+
+
+def _counts(reader: Reader, name: str, channel: str) -> bool:
+    """True if a column only numbers the samples, as "X" of an oscilloscope does; times may be whole seconds."""
+    raw = _numbers(reader, name) if channel != "time" else None
+    return raw is not None and len(raw) > _LEAST_COUNTED and bool(np.all(np.diff(raw) == 1.0))
 
 
 def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, int]]:
