@@ -14,7 +14,8 @@ _LONG_PREFIXES = {"pico": 1e-12, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "ki
 _SYMBOLS = {
     "s": ("s", 1.0), "N": ("N", 1.0), "m": ("m", 1.0), "V": ("V", 1.0), "A": ("A", 1.0), "Hz": ("Hz", 1.0),
     "ohm": ("ohm", 1.0), "Ohm": ("ohm", 1.0), "\u03a9": ("ohm", 1.0), "g": ("m/s^2", 9.80665),
-    "W": ("W", 1.0), "Pa": ("Pa", 1.0), "F": ("F", 1.0), "H": ("H", 1.0), "C": ("C", 1.0), "rad": ("rad", 1.0), "strain": ("strain", 1.0), "\u03b5": ("strain", 1.0),
+    "W": ("W", 1.0), "Pa": ("Pa", 1.0), "F": ("F", 1.0), "H": ("H", 1.0), "C": ("C", 1.0), "rad": ("rad", 1.0),
+    "strain": ("strain", 1.0), "\u03b5": ("strain", 1.0),
 }  # fmt: skip
 _WORDS = {
     "second": ("s", 1.0), "sec": ("s", 1.0), "min": ("s", 60.0), "minute": ("s", 60.0), "newton": ("N", 1.0),
@@ -23,9 +24,12 @@ _WORDS = {
     "hertz": ("Hz", 1.0), "hz": ("Hz", 1.0), "khz": ("Hz", 1e3), "ohm": ("ohm", 1.0), "radian": ("rad", 1.0),
     "deg": ("rad", math.pi / 180), "degree": ("rad", math.pi / 180), "°": ("rad", math.pi / 180),
     "db": ("dB", 1.0), "%": ("%", 1.0), "°c": ("degC", 1.0), "siemens": ("S", 1.0), "g_0": ("m/s^2", 9.80665),
+    "strain": ("strain", 1.0),
 }  # fmt: skip
 # Levels: "dB re 1 g/N", "dB re. 1e-6 m/N", "dB ref (m/s)/N", "dB (m/N)".
-_LEVEL = re.compile(r"db\s*(?:\bre(?:f\.?|\.)?\b:?\.?\s*|(?=[(\[]))(?P<size>\d[\d.]*(?:e[+-]?\d+)?\s+)?(?P<unit>\S.*)", re.I)
+_LEVEL = re.compile(
+    r"db\s*(?:\bref?\b\.?:?\s*|(?=[(\[]))(?P<size>\d[\d.]*(?:e[+-]?\d+)?\s+)?(?P<unit>\S.*)", re.IGNORECASE
+)
 _COMPOUND = {"rad/s": ("Hz", 0.5 / math.pi), "rpm": ("Hz", 1 / 60)}
 _ACCELERATION = re.compile(r"(\w*m)\s*(?:/|\s|per|_per_|_)\s*s\s*(?:\^|\*\*)?-?\s*2")
 _SPEED = re.compile(r"(\w*m)\s*(?:/|per|_per_|_)\s*s")

@@ -1,12 +1,12 @@
 """Columns of a frequency response or an impedance by the names that analysers give them, where a campaign names none.
 
-Keysight E4990A, help on "Saving trace data to a file" (helpfiles.keysight.com) and its users' files: `|Z|(Ohm)-data`,
-`theta-z(deg)-data`, `Z-Real(Ohm)-data`, `Cp(F)-data`, `D()-data`. OMICRON Bode Analyzer Suite, by analogy to the gain in
-its users' files, of version 3 (`Trace 1: Gain: Magnitude (dB)`): `Trace 1: Impedance: Magnitude (Ω)`; of version 2
-(`TR1: Gain (Real),TR1: Gain (Imag),TR1: Gain (dB),TR2: Gain (Degree)`): `TR1: Impedance (Ohm)`. Of LCR meters, as
-Hioki's, no file was seen: their usual names are taken, Z, PHASE or theta, R or Rs, X, Cp, Cs, Lp, Ls, Rp, D, Q, G, B and
-Y, with a unit where they have one. German names are those of the quantities. The siemens is known in this list alone:
-elsewhere an "S" is more likely a second.
+Keysight E4990A, help on "Saving trace data to a file" (helpfiles.keysight.com) and files of its users:
+`|Z|(Ohm)-data`, `theta-z(deg)-data`, `Z-Real(Ohm)-data`, `Cp(F)-data`, `D()-data`. OMICRON Bode Analyzer Suite, by
+analogy to the gain in files of its users, of version 3 (`Trace 1: Gain: Magnitude (dB)`): `Trace 1: Impedance:
+Magnitude (Ω)`; of version 2 (`TR1: Gain (Real),TR1: Gain (Imag),TR1: Gain (dB),TR2: Gain (Degree)`): `TR1: Impedance
+(Ohm)`. Of LCR meters, as Hioki's, no file was seen: their usual names are taken, Z, PHASE or theta, R or Rs, X, Cp, Cs,
+Lp, Ls, Rp, D, Q, G, B and Y, with a unit where they have one. German names are those of the quantities. The siemens is
+known in this list alone: elsewhere an "S" is more likely a second.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _GAIN = rf"{_ANY_TRACE}(?:gain|frf|h1|h2|hv|transfer function|frequency response
 _NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
     "frequency": (re.compile(r"f|freq\.?|frequency(?:: trace \d+)?|frequenz"), "Hz", False),
     "real": (re.compile(rf"r|rs|z-real|re\(z\)|resistance|wirkwiderstand|{_TRACE}real\)?"), "ohm", False),
-    "imaginary": (re.compile(rf"x|xs|z-imag|im\(z\)|reactance|blindwiderstand|{_TRACE}imag(?:inary)?\)?"), "ohm", False),
+    "imaginary": (re.compile(
+        rf"x|xs|z-imag|im\(z\)|reactance|blindwiderstand|{_TRACE}imag(?:inary)?\)?"), "ohm", False),
     "magnitude": (re.compile(
         rf"z|\|z\||{_ANY_TRACE}impedance|impedanz|scheinwiderstand|{_TRACE}magnitude"), "ohm", False),
     "phase": (re.compile(

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,9 +20,11 @@ from piezoharvest.readers import Reader, ReadError, open_reader
 from piezoharvest.readers.base import last_part
 from piezoharvest.readers.units import Unit, ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
-from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
+from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry
+from piezoharvest.records.reading.frequency_record import read_frequency_record
 from piezoharvest.records.reading.impedance_forms import QUANTITIES
 from piezoharvest.records.reading.known_columns import known_column
+from piezoharvest.study import StudyError
 
 # Names without their units, in lower case; the first channel that fits is taken.
 _WORDS: Mapping[str, str] = MappingProxyType({
@@ -61,7 +64,8 @@ class FoundFile:
     units : mapping of str to str
         Unit that the file states for it, "" if none, `OTHER_UNIT` where it is not the channel's.
     values : mapping of str to array (n,)
-        Recognised channels over time in SI units, "time" among them if the file has any.
+        Recognised channels over time in SI units, "time" among them if the file has any; "frequency" and "response" of
+        a frequency response that needs nothing more to be read.
     count : int
         Samples or lines.
     output, input : str
@@ -116,12 +120,34 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     if named & set(reader.names) or any(known_column(reader, part) for part in telling):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
-    columns: dict[str, str | int] = {} if "frequency_Hz" in reader.names else {"frequency": frequency}
+    parts = {part: known_column(reader, part, "frf") for part in RESPONSE_COLUMNS["frf"]}
+    defaults = (*RESPONSE_COLUMNS["frf"].values(), "phase_deg")
+    columns: dict[str, str | int] = {part: name for part, name in parts.items() if name and name not in defaults}
+    known = {column for column in (*parts.values(), *defaults) if column is not None}
     doubts = () if output else ("no column states a unit such as m/N, which would identify output and input",)
     return FoundFile(
-        path=path, kind="frf", columns=columns, units={}, values={}, count=count, output=output, input=source,
-        left=tuple(reader.names), doubts=doubts,
+        path=path, kind="frf", columns=columns, units={part: _text(reader, name) for part, name in columns.items()},
+        values=_response(path, output, source), count=count, output=output, input=source,
+        left=tuple(name for name in reader.names if name not in known), doubts=doubts,
     )  # fmt: skip
+
+
+def _text(reader: Reader, column: str | int) -> str:
+    """Unit that a file states for a column, as it writes it."""
+    unit = reader.unit(reader.resolve(column))
+    return "" if unit is None else " ".join(unit.text.split())
+
+
+def _response(path: Path, output: str, source: str) -> Mapping[str, np.ndarray]:
+    """Frequencies (Hz) and the response in SI units, if the file is one as it is."""
+    if not output:
+        return {}
+    entry = FrfEntry(kind="frf", file=path.name, output=cast("Any", output), input=cast("Any", source))
+    try:
+        record, _ = read_frequency_record(entry, "", {}, None, path.parent)
+    except StudyError:
+        return {}
+    return {"frequency": record.frequency, "response": record.response}
 
 
 def _signals(reader: Reader, path: Path) -> FoundFile:
@@ -139,13 +165,11 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
             wrong = "no increasing times" if raw is not None else "no numbers"
             doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
         elif unit is not None and unit.firm and unit.si != UNITS[channel]:
-            shape = ", which the mode shape at the gauge gives," if unit.si == "strain" else ""
-            doubts.append(
-                f"{channel} is in {unit.text}: its gain{shape} in {UNITS[channel]} for one {unit.text} is missing"
-            )
+            doubt = f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing"
+            doubts.append(doubt + (" (the mode shape at the gauge gives it)" if unit.si == "strain" else ""))
             units[channel] = OTHER_UNIT
         else:
-            units[channel] = "" if unit is None else " ".join(unit.text.split())
+            units[channel] = _text(reader, name)
             values[channel] = raw * (unit.factor if unit is not None and unit.si == UNITS[channel] else 1.0)
     any_column = next((name for name in _resolved(reader).values() if _numbers(reader, name) is not None), None)
     stamps = None if any_column is None or "time" in columns else reader.time_of(any_column)
@@ -180,7 +204,7 @@ def _by_name(reader: Reader) -> dict[str, int]:
         name, unit = reader.names[n - 1], reader.unit(full)
         default = next((c for c, column in COLUMNS.items() if column == name), reader.channels.get(name.lower()))
         channel = default or _named_like(name, unit)
-        if default is not None or (channel is not None and not _counts(reader, full, channel)):
+        if channel is not None and (default is not None or not _counts(reader, full, channel)):
             first = 0 if default is not None else 1 if unit is not None and unit.si == UNITS[channel] else 2
             found.setdefault(channel, []).append((first, n))
     return {channel: min(places)[1] for channel, places in found.items()}
