@@ -20,9 +20,12 @@ class Tdms(Reader):
     unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
 
     def __init__(self, path: Path):
-        from nptdms import TdmsFile
-        from nptdms.log import log_manager
-
+        try:
+            from nptdms import TdmsFile
+            from nptdms.log import log_manager
+        except ImportError:
+            needed = "the package nptdms is missing, which reads TDMS files"
+            raise ReadError(f"{needed}: pip install 'piezoharvest[tdms]'") from None
         super().__init__(path)
         log_manager.set_level(logging.ERROR)  # its warnings are errors below
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import h5py
@@ -14,6 +15,7 @@ from pyarrow import parquet
 from scipy.io import savemat
 
 from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader, registered
+from piezoharvest.readers.tdms import Tdms
 
 TIME = np.arange(7) * 1e-3
 FORCE = np.array([0.5, -1.0, 2.25, 1e3, -1e-9, 7.0, 8.0])
@@ -470,3 +472,10 @@ class TestTdms:
         with TdmsWriter(tmp_path / "a.tdms") as writer:
             writer.write_segment([ChannelObject("bench", "force", FORCE, scale)])
         np.testing.assert_allclose(read(tmp_path / "a.tdms", "force")[0], 2 * FORCE + 1)
+
+
+def test_without_nptdms(tmp_path, monkeypatch):
+    write_tdms(tmp_path / "a.tdms", {"force": FORCE})
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(ReadError, match=r"the package nptdms is missing, .*pip install 'piezoharvest\[tdms\]'"):
+        Tdms(tmp_path / "a.tdms")
