@@ -71,6 +71,8 @@ class Reader(ABC):
         True if rows are lines, of which some may be skipped.
     unsafe : tuple of str
         Libraries that may crash on a damaged file: if there are any, the files are read in a separate process.
+    extra : str
+        Extra of this package that installs these libraries, if they are not always there.
     most_bytes : int
         Largest allowed file size.
     channels : mapping of str to str
@@ -92,6 +94,7 @@ class Reader(ABC):
     step_error: float = 0.0
     by_lines: ClassVar[bool] = False
     unsafe: ClassVar[tuple[str, ...]] = ()
+    extra: ClassVar[str] = ""
     most_bytes: ClassVar[int] = 1 << 62
     channels: ClassVar[Mapping[str, str]] = MappingProxyType({})
 

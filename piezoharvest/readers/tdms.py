@@ -18,14 +18,12 @@ class Tdms(Reader):
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
     magic: ClassVar[tuple[bytes, ...]] = (b"TDSm", b"TDSh")
     unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
+    extra: ClassVar[str] = "tdms"
 
     def __init__(self, path: Path):
-        try:
-            from nptdms import TdmsFile
-            from nptdms.log import log_manager
-        except ImportError:
-            needed = "the package nptdms is missing, which reads TDMS files"
-            raise ReadError(f"{needed}: pip install 'piezoharvest[tdms]'") from None
+        from nptdms import TdmsFile
+        from nptdms.log import log_manager
+
         super().__init__(path)
         log_manager.set_level(logging.ERROR)  # its warnings are errors below
         try:
