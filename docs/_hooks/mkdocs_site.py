@@ -9,7 +9,7 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))  # mkdocs runs this file by itself
 
-from made_from_code import commands, figures, project, reference, schema
+from made_from_code import commands, equations, figures, project, reference, schema
 
 _DECISIONS = [f"decisions/{path.name}" for path in sorted((project.ROOT / "docs/decisions").glob("*.md"))]
 _PAGES = {
@@ -30,7 +30,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is made from the code, and the kept reports."""
-    for kind, caption, picture in figures.figures(figures.examples()):
+    examples = figures.examples()
+    for kind, section in equations.equations(examples):
+        _PAGES[f"shunts/{kind}.md"] += section
+    for kind, caption, picture in figures.figures(examples):
         _PAGES[f"shunts/{kind}.md"] += f"\n![voltages and current]({kind}.png)\n\n{caption}\n"
         files.append(File.generated(config, f"shunts/{kind}.png", content=picture))
     for path, text in _PAGES.items():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from made_from_code import figures, reference, schema
+from made_from_code import equations, figures, reference, schema
 
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench
@@ -134,3 +134,18 @@ def test_figure_of_a_shunt():
 def test_there_is_an_example_of_every_shunt_for_its_figure():
     own = {kind for kind, cls in shunts.registered().items() if cls.__module__.startswith("piezoharvest.")}
     assert figures.examples().keys() == own
+
+
+def test_equations_of_shunts_are_those_of_the_circuits():
+    """By hand: Kirchhoff's laws of an RL shunt, of a bridge that conducts, and of a switched loop with its quality."""
+    pytest.importorskip("sympy", reason="the extra docs is not installed")
+    examples = figures.examples()
+    found = dict(equations.equations(examples))
+    assert set(examples) - set(found) <= {"adaptive_rl"}  # whose multiplier is a function of its own
+    assert "L i_L' + R i_L - v = 0" in found["series_rl"]
+    assert "open      i = 0" not in found["series_rl"]
+    bridge = found["rectifier"].split("open+")[1]
+    assert "v' - v_dc' = 0" in bridge
+    assert "C_s v_dc' - i + v_dc/R_load = 0" in bridge
+    assert "L i_L' - v + sqrt(L) i_L/(sqrt(C) Q_i) = 0" in found["parallel_sshi"].split("closed")[1]
+    assert "reversed polarity" in found["rectifier"]
