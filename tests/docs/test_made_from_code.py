@@ -7,8 +7,9 @@ import tomllib
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
-from made_from_code import equations, figures, reference, schema
+from made_from_code import effect_figures, equations, figures, reference, schema
 
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench
@@ -149,3 +150,17 @@ def test_equations_of_shunts_are_those_of_the_circuits():
     assert "C_s v_dc' - i + v_dc/R_load = 0" in bridge
     assert "L i_L' - v + sqrt(L) i_L/(sqrt(C) Q_i) = 0" in found["parallel_sshi"].split("closed")[1]
     assert "reversed polarity" in found["rectifier"]
+
+
+def test_every_effect_has_a_figure_in_which_it_shows(monkeypatch):
+    shown = {}
+    monkeypatch.setattr(effect_figures, "_drawn", lambda *records: records)
+    monkeypatch.setattr(effect_figures.style, "write_png", lambda records, stream: shown.update({len(shown): records}))
+    names = [name for name, _, _ in effect_figures.figures()]
+    own = {name for name, cls in effects.registered().items() if cls.__module__.startswith("piezoharvest.")}
+    assert set(names) == own
+    for name, (with_it, without, channel) in zip(names, shown.values(), strict=True):
+        column = effect_figures._COLUMNS[channel]
+        change = np.abs(with_it[column] - without[column]).max() / np.abs(without[column]).max()
+        assert 0.05 < change < 3.0, name
+        assert np.unique(without[column]).size > 100, name  # no sensor of the bench is saturated
