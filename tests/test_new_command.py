@@ -121,6 +121,9 @@ FILES = {
     "laser.csv": ("t,Laser velocity (mm/s),Laser 2 (g)\n0,1,1\n0.001,2,3\n0.002,1,2\n",
                   ['velocity = { column = "Laser velocity (mm/s)" }', 'acceleration = { column = "Laser 2 (g)" }']),
     "numbered.csv": ("X,CH1\n0,1.5\n1,2.5\n2,1.5\n3,1\n", ['not recognised (?): "X", "CH1"']),
+    "shaker.csv": ("t,acc,tip_um,U\n0,1,1,2\n0.001,2,3,4\n0.002,1,2,2\n",
+                   ['base_acceleration = { column = "acc" }', 'displacement = { column = "tip_um" }    # um',
+                    'drive = "base_acceleration"', "taken for that of the base"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

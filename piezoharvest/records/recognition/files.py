@@ -33,12 +33,13 @@ _WORDS: Mapping[str, str] = MappingProxyType({
     "dc_voltage": r"v?_?dc.*|dc.*volt.*|.*storage.*",
     "gate": r"gate.*|trig.*",
     "force": r"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*",
-    "displacement": r"x|.*disp.*|.*position.*|.*weg.*|.*auslenk.*|.*laser.*|lvdt.*|.*strain.*|.*dehnung.*",
+    "displacement": r"x|tip|.*(?:disp|position|weg|auslenk|deflection|laser|strain|dehnung).*|lvdt.*",
     "velocity": r".*velocity.*|vel|.*vibrometer.*|.*geschw.*",
     "acceleration": r"acc|.*accel.*|.*beschl.*",
     "current": r"i|.*current.*|.*strom.*",
     "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*",
 })  # fmt: skip
+_BASE = "base_acceleration"
 _MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
 _LEAST_COUNTED = 2  # samples whose numbers are consecutive
@@ -157,6 +158,9 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
     units: dict[str, str] = {}
     values: dict[str, np.ndarray] = {}
     doubts: list[str] = []
+    if "acceleration" in columns and not {"force", "base_acceleration"} & set(columns):
+        columns = {_BASE if name == "acceleration" else name: column for name, column in columns.items()}
+        doubts.append("there is no force: the acceleration is taken for that of the base")
     for channel, place in list(columns.items()):
         name = reader.resolve(place)
         unit, raw = reader.unit(name), _numbers(reader, name)
@@ -231,12 +235,12 @@ def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, 
     """Channels that are not named, by a unit that one column alone has and one channel alone is left for."""
     used = set(columns.values())
     stated = {n: reader.unit(name) for n, name in _resolved(reader).items()}
-    rest = [(n, unit.si) for n, unit in stated.items() if unit is not None and unit.firm and n not in used]
+    sure = {n: unit for n, unit in stated.items() if unit is not None and (unit.firm or len(unit.text) > 1)}
+    rest = [(n, unit.si) for n, unit in sure.items() if n not in used]
     for channel in ("time", "force", "displacement", "velocity", "voltage", "current", "acceleration"):
         places = [n for n, si in rest if si == UNITS[channel]]
         if channel not in columns and len(places) == 1:
-            moved = channel == "acceleration" and "force" not in columns and not any(si == "N" for _, si in rest)
-            yield ("base_acceleration" if moved else channel), places[0]
+            yield channel, places[0]
 
 
 def _resolved(reader: Reader) -> dict[int, str]:
