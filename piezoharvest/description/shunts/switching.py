@@ -171,7 +171,7 @@ class SwitchedCoil(SwitchedLoop):
         return np.sqrt(inductance / capacitance) / resistance
 
     def inversion(self, capacitance: float) -> Any:
-        """Fraction of the voltage that half a swing leaves, inverted: exp(-pi/(2 Q)) with the quality of the closed loop."""
+        """Fraction of the voltage that half a swing leaves, inverted: exp(-pi/(2 Q)), Q that of the closed loop."""
         return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
 
     def nominal_flip_time(self, capacitance: float) -> float:
