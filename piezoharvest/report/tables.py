@@ -89,7 +89,7 @@ class QuantityRow(NamedTuple):
 
 
 def ranking(subjects: Sequence[Subject], limit: Limit | None, damping: bool) -> tuple[list[str], list[Row]]:
-    """Headings, those of the objective first, and one row for each candidate; columns without any value are left out."""
+    """Headings, those of the objective first, and one row for each candidate; no column without any value."""
     columns = _damping_columns(subjects) if damping else _power_columns(subjects, limit)
     shown = {heading: cells for heading, cells in columns.items() if any(cell != NONE for cell in cells)}
     rows = []
@@ -144,12 +144,8 @@ def _motion_columns(subjects: Sequence[Subject]) -> dict[str, list[str]]:
 
 
 def _power(subject: Subject) -> str:
-    c = subject.candidate
-    return (
-        with_error(c.harvested_power, c.standard_error, "W")
-        if c.standard_error
-        else engineering(c.harvested_power, "W")
-    )
+    power, error = subject.candidate.harvested_power, subject.candidate.standard_error
+    return with_error(power, error, "W") if error else engineering(power, "W")
 
 
 def _voltage(subject: Subject) -> str:
