@@ -69,10 +69,10 @@ check: .venv/.checked
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
-# What a user needs; tests and tools of developers come when they are asked for.
+# What a user needs, with all extras; tests and tools of developers come when they are asked for.
 .venv/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
 	touch $@
 
 .venv/.tested: .venv/.installed

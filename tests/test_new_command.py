@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import subprocess
 import tomllib
 
 import numpy as np
 import pytest
 from messages import is_sentence
+from scipy.io import savemat
 from scipy.signal import StateSpace, butter, lsim, sosfilt
 
+from piezoharvest import System, load_study, simulate
 from piezoharvest.cli import main
 from piezoharvest.identify.identification import identify
 from piezoharvest.records import load_campaign
-from piezoharvest.records.recognition.rough_values import rough_values
+from piezoharvest.records.recognition.files import look_into
+from piezoharvest.records.recognition.rough_values import rough_values, rough_values_of_response
 
 MASS, DAMPING, STIFFNESS, COUPLING, CAPACITANCE, LOAD = 0.01, 0.19, 986.96, 1e-3, 40e-9, 1e5
 TRUE = {"mass": MASS, "damping": DAMPING, "stiffness": STIFFNESS, "coupling": COUPLING, "capacitance": CAPACITANCE}
@@ -104,6 +108,22 @@ FILES = {
     "z.csv": ("FREQ[Hz],Z[ohm],PHASE[deg]\n1e3,2,3\n2e3,3,4\n3e3,4,5\n", ['kind = "impedance"']),
     "z.s1p": ("# Hz S RI R 50\n1e3 0.1 0.2\n2e3 0.2 0.2\n", ['kind = "impedance"']),
     "PROFILE.csv": ("t,F,FILE $x\n0,1,1\n0.001,2,3\n0.002,1,2\n", ['"FILE $x"', "identify campaign.toml"]),
+    "german.csv": ("Messung;1\nFrequenz;Betrag;Phase;Koh\u00e4renz\nHz;(mm/s)/N;\u00b0;\n1;2,5;3;1\n2;3;4;1\n3;4;5;1\n",
+                   ['output = "velocity"', 'magnitude = { column = "Betrag" }    # (mm/s)/N', '"Koh\u00e4renz"']),
+    "levels.txt": ("Freq\tH1 Magnitude\tPhase\n[Hz]\t[dB re 1 g/N]\t[deg]\n1\t-2\t3\n2\t-3\t4\n3\t-4\t5\n",
+                   ['output = "acceleration"', 'magnitude = { column = "H1 Magnitude" }', "[transducer.modal]"]),
+    "bode.csv": ("Frequency (Hz),TR1: Impedance (Ohm),TR2: Impedance (Degree)\n1,2,3\n2,3,4\n3,4,5\n",
+                 ['kind = "impedance"']),
+    "strain.csv": ("Time (s),Force (N),Strain (\u00b5m/m)\n0,1,1\n0.001,2,3\n0.002,1,2\n",
+                   ["in m for one \u00b5m/m, is missing (the mode shape", '# displacement = { column = "Strain']),
+    "gauge.csv": ("Time,Force,Dehnung,Flow\ns,N,microstrain,furlongs\n0,1,1,1\n0.001,2,3,1\n0.002,1,2,1\n",
+                  ['force = { column = "Force" }    # N', "in m for one microstrain"]),
+    "laser.csv": ("t,Laser velocity (mm/s),Laser 2 (g)\n0,1,1\n0.001,2,3\n0.002,1,2\n",
+                  ['velocity = { column = "Laser velocity (mm/s)" }', 'acceleration = { column = "Laser 2 (g)" }']),
+    "numbered.csv": ("X,CH1\n0,1.5\n1,2.5\n2,1.5\n3,1\n", ['not recognised (?): "X", "CH1"']),
+    "shaker.csv": ("t,acc,tip_um,U\n0,1,1,2\n0.001,2,3,4\n0.002,1,2,2\n",
+                   ['base_acceleration = { column = "acc" }', 'displacement = { column = "tip_um" }    # um',
+                    'drive = "base_acceleration"', "taken for that of the base"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 
@@ -162,3 +182,54 @@ def test_a_file_that_may_be_cut_off_is_told(tmp_path, monkeypatch, capsys):
     (tmp_path / "cut.csv").write_text("time_s,force_N\n0.0,1.0\n0.1,2.0\n")
     assert main(["new", "campaign", "cut.csv"]) == 0
     assert "warning: cut.csv: found only 2 rows of numbers; is the file cut off?" in capsys.readouterr().err
+
+
+def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path):
+    time = np.arange(100) / 1000.0
+    fields = {"t": time[:, None], "kraft": np.sin(time)[:, None], "x_um": np.cos(time)[:, None]}
+    savemat(tmp_path / "run.mat", {"data": fields, "note": "run 1"})
+    found = look_into(tmp_path / "run.mat")
+    assert found.columns == {"time": "data.t", "force": "data.kraft", "displacement": "data.x_um"}
+    np.testing.assert_allclose(found.values["displacement"], 1e-6 * np.cos(time))
+
+
+@pytest.mark.parametrize("motion", ["velocity", "acceleration"])
+def test_rough_values_from_any_motion(measured, motion):
+    x = np.fft.rfft(measured["displacement"])
+    s = 2j * np.pi * np.fft.rfftfreq(COUNT, 1.0 / RATE)
+    order = {"velocity": 1, "acceleration": 2}[motion]
+    rates = np.fft.irfft(np.where(s.imag < 2 * np.pi * 250.0, s**order * x, 0), COUNT)
+    channels = {name: measured[name] for name in ("force", "voltage", "current")}
+    found = rough_values({**channels, motion: rates}, RATE)
+    for name, value in TRUE.items():
+        assert found[name] == pytest.approx(value, rel=0.2 if name == "damping" else 0.05)
+
+
+@pytest.mark.parametrize(("output", "order"), [("displacement", 0), ("velocity", 1), ("acceleration", 2)])
+def test_rough_values_of_a_response(output, order):
+    s = 2j * np.pi * np.linspace(40.0, 60.0, 81)
+    rng = np.random.default_rng(3)
+    noise = 1.0 + 1e-3 * (rng.normal(size=81) + 1j * rng.normal(size=81))
+    response = noise * s**order / (STIFFNESS + DAMPING * s + MASS * s**2)
+    found = rough_values_of_response(s.imag / (2 * np.pi), response, output)
+    for name in ("mass", "damping", "stiffness"):
+        assert found[name] == pytest.approx(TRUE[name], rel=0.02)
+    assert rough_values_of_response(s.imag / (2 * np.pi), response, "voltage") == {}
+    assert rough_values_of_response(s.imag / (2 * np.pi), rng.normal(size=81) + 0j, output) == {}
+
+
+@pytest.mark.spice
+def test_waveforms_of_an_exported_netlist_are_known(tmp_path):
+    """Ngspice runs what `export` has written; its readings are the channels, in SI units."""
+    study = tmp_path / "study.toml"
+    assert run("new", "harvest", "--out", study) == 0
+    assert run("export", study, "--shunt", 1, "--out", tmp_path / "run.cir") == 0
+    command = ["ngspice", "-b", "run.cir", "-r", "run.raw"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    found = look_into(tmp_path / "run.raw")
+    expected = {"time", "force", "displacement", "voltage", "current"}
+    assert expected <= set(found.columns) <= expected | {"dc_voltage"}
+    system = load_study(study)
+    response = simulate(System(system.transducer, system.shunts[1]), system.excitation)
+    peak = np.ptp(found.values["displacement"]) / 2
+    assert peak == pytest.approx(response.displacement_amplitude, rel=0.01)

@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
 EXTRAS = PROJECT["optional-dependencies"]
 # Of single uses and formats, imported where they are asked for.
-OPTIONAL = [part for extra in ("explore", "notebook", "rf", "uff") for part in EXTRAS[extra]]
+OPTIONAL = [part for extra in ("cluster", "explore", "notebook", "rf", "tdms", "uff") for part in EXTRAS[extra]]
 
 
 def normal(name):
@@ -45,6 +45,11 @@ def test_what_is_imported_is_declared():
     assert {"cvxpy", "numba", "numpy"} <= packages
     missing = {name for name in packages if not declared & set(map(normal, homes.get(name, [name])))}
     assert missing == set()
+
+
+def test_the_extra_all_is_all_that_the_package_imports():
+    named = re.fullmatch(r"piezoharvest\[(.+)\]", *EXTRAS["all"])[1].split(",")
+    assert {part for extra in named for part in EXTRAS[extra]} == set(OPTIONAL)
 
 
 def test_type_checkers_see_every_public_name():

@@ -9,7 +9,7 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))  # mkdocs runs this file by itself
 
-from made_from_code import commands, figures, project, reference, schema
+from made_from_code import commands, effect_figures, equations, figures, project, reference, schema
 
 _DECISIONS = [f"decisions/{path.name}" for path in sorted((project.ROOT / "docs/decisions").glob("*.md"))]
 _PAGES = {
@@ -30,9 +30,15 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is made from the code, and the kept reports."""
-    for kind, caption, picture in figures.figures(figures.examples()):
+    examples = figures.examples()
+    for kind, section in equations.equations(examples):
+        _PAGES[f"shunts/{kind}.md"] += section
+    for kind, caption, picture in figures.figures(examples):
         _PAGES[f"shunts/{kind}.md"] += f"\n![voltages and current]({kind}.png)\n\n{caption}\n"
         files.append(File.generated(config, f"shunts/{kind}.png", content=picture))
+    for name, caption, picture in effect_figures.figures():
+        _PAGES[f"effects/{name}.md"] += f"\n![record with and without the effect]({name}.png)\n\n{caption}\n"
+        files.append(File.generated(config, f"effects/{name}.png", content=picture))
     for path, text in _PAGES.items():
         files.append(File.generated(config, path, content=text))
     for name, made in (("study", schema.study()), ("campaign", schema.campaign())):

@@ -21,7 +21,18 @@ if TYPE_CHECKING:
 
 _UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V", "capacitance": "F, clamped"}
 _DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
-_REGRESSED = ("force", "displacement", "voltage", "current")
+_REGRESSED = ("force", "displacement", "velocity", "acceleration", "voltage", "current")
+# In the place of [transducer], where the records alone do not tell it.
+_MODAL = (
+    "# or, instead of these five, what is read off a frequency response and a meter (?):",
+    "# [transducer.modal]",
+    "# short_circuit_frequency = 98.0 # Hz",
+    "# open_circuit_frequency = 100.0 # Hz",
+    "# quality = 40.0                 # of the resonance; or: damping_ratio = 0.0125",
+    '# modal_mass = "250 g"',
+    '# capacitance = "125 nF"',
+    '# capacitance_is = "free"        # as measured far below the resonance; or "clamped"',
+)
 _OHM_SCATTER = 0.05  # rms deviation of v - R i, relative to v, up to which a load is a resistance
 _LEAST_ROWS = 10  # of a file: fewer tell neither a sample rate nor a resonance
 
@@ -77,25 +88,35 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
     shared = list(_channels(signals[0])) if signals and same else []
     records = [line for each in found for line in _record(each, target, same)]
     return Template(template).substitute(
-        file=target.name, title=_quoted(target.stem), transducer="\n".join(_transducer(signals)),
+        file=target.name, title=_quoted(target.stem), transducer="\n".join(_transducer(found)),
         channels="\n".join(shared or ["# given in each record below"]), records="\n".join(records),
     )  # fmt: skip
 
 
-def _transducer(signals: Sequence[FoundFile]) -> Iterator[str]:
+def _transducer(found: Sequence[FoundFile]) -> Iterator[str]:
     """Lines of nominal values, as far as a regression of the longest record tells them."""
-    from piezoharvest.records.recognition.rough_values import rough_values
-
     rough: dict[str, float] = {}
-    for each in sorted(signals, key=lambda one: -one.count):
-        channels = {name: each.values[name] for name in _REGRESSED if name in each.values}
-        if each.rate is not None and len({len(values) for values in channels.values()}) == 1:
-            rough = max(rough, rough_values(channels, each.rate), key=len)
+    for each in sorted(found, key=lambda one: -one.count):
+        rough = max(rough, _rough(each), key=len)
     for name, unit in _UNITS.items():
         if name in rough:
             yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; rough value, from the records (?)"
         else:
             yield f"{f'# {name} = ':<33}# {unit}; not known from the records (?)"
+    if "coupling" not in rough:
+        yield from _MODAL
+
+
+def _rough(found: FoundFile) -> dict[str, float]:
+    """Nominal values from one file."""
+    from piezoharvest.records.recognition.rough_values import rough_values, rough_values_of_response
+
+    if found.kind == "frf" and found.input == "force" and "response" in found.values:
+        return rough_values_of_response(found.values["frequency"], found.values["response"], found.output)
+    channels = {name: found.values[name] for name in _REGRESSED if name in found.values}
+    if found.rate is None or len({len(values) for values in channels.values()}) != 1:
+        return {}
+    return rough_values(channels, found.rate)
 
 
 def _channels(found: FoundFile) -> Iterator[str]:
@@ -169,10 +190,14 @@ def _spectrum(found: FoundFile) -> Iterator[str]:
     else:
         yield '# output = "displacement"        # (?) or velocity, acceleration, voltage, current'
     yield '# load_resistance = 1e5          # ohm (?) or: shunt = { kind = "open" }, { kind = "short" }'
-    yield "[records.channels]"
-    yield from (f"{part} = {{ column = {_quoted(column)} }}" for part, column in found.columns.items())
-    yield f"# columns: {', '.join(map(_quoted, found.left))}"
-    yield '# response (complex), or real and imaginary, or magnitude and phase: { column = "...", unit = "..." }'
+    if found.columns or "response" not in found.values:
+        yield "[records.channels]"
+    for part, column in found.columns.items():
+        unit = found.units[part]
+        yield f"{part} = {{ column = {_quoted(column)} }}" + (f"    # {unit}, stated in the file" if unit else "")
+    if "response" not in found.values:
+        yield f"# further columns: {', '.join(map(_quoted, found.left)) or 'none'}"
+        yield '# response (complex), or real and imaginary, or magnitude and phase: { column = "...", unit = "..." }'
 
 
 def _quoted(value: str | int) -> str:

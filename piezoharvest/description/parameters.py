@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from piezoharvest.field_help import WithFields
 from piezoharvest.near_names import did_you_mean
 
 C = TypeVar("C", bound="Component")
@@ -227,6 +228,11 @@ class Component:
     ParameterError
         A value is not finite or outside its bounds.
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if cls.__dict__.get("__doc__"):
+            cls.__doc__ = WithFields(cls.__dict__["__doc__"], allowed)  # pyright: ignore[reportAttributeAccessIssue]
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

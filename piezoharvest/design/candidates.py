@@ -77,7 +77,7 @@ class CandidateMaker:
 
     def candidate(self, draft: Draft) -> Candidate:
         """Tune a draft and check it."""
-        self.progress(Step(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}"))
+        self.progress(Step(f"{draft.kind}: {'tuning ' + ', '.join(draft.free) if draft.free else 'nothing to tune'}"))
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
         if draft.late and not isinstance(draft.shunt, LinearShunt):
@@ -217,7 +217,8 @@ class CandidateMaker:
             note(f"{kind}: assumed {text}")
         inductance = largest_inductance(found.shunt, self.capacitance)
         if inductance > LARGEST_COIL:
-            note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
+            size = f"{inductance:.3g}" if inductance < 1e3 else f"{inductance:.0f}"
+            note(f"{kind}: {size} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
             for text in region.remarks(np.log(list(draft.values_of(tuned).values()))):

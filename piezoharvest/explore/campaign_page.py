@@ -42,6 +42,7 @@ class CampaignPage:
         self._effects = MultiChoice(
             title="effects switched on", options=[(label, label.replace("_", " ")) for label in explorer.effects],
             value=list(explorer.identified), max_items=_MOST_EFFECTS, sizing_mode="stretch_width", name="effects",
+            placeholder="none: choose effects",
         )  # fmt: skip
         self._sliders: Any = column(sizing_mode="stretch_width")
         self._figures, self._message = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")

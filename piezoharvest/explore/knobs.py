@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.paths import found_at
 from piezoharvest.report.units import pretty_unit
+from piezoharvest.study.building import unit_of
 
 if TYPE_CHECKING:
     from bokeh.models import Slider
@@ -63,9 +64,8 @@ class Knob(NamedTuple):
         from bokeh.models import CustomJSTickFormatter, Slider
 
         low, high = self.to_slider(self.low), self.to_slider(self.high)
-        unit = pretty_unit(self.unit) if " or " not in self.unit else ""  # of an amplitude, by the kind of excitation
-        plain = "return Number(tick.toPrecision(5)) + ' ' + unit;"
-        shown = CustomJSTickFormatter(code=_ENGINEERING if self.logarithmic else plain, args={"unit": unit})
+        code = _ENGINEERING if self.logarithmic else "return Number(tick.toPrecision(5)) + ' ' + unit;"
+        shown = CustomJSTickFormatter(code=code, args={"unit": pretty_unit(self.unit)})
         return Slider(
             title=title or self.label, start=low, end=high, value=self.to_slider(self.value), step=(high - low) / STEPS,
             format=shown, sizing_mode="stretch_width", name=self.path,
@@ -83,7 +83,7 @@ def size(component: Component, name: str, path: str, decades: float = DECADES) -
     least = max(value * 10.0**-decades, field.metadata["at_least"] or 0.0, _INSIDE * (field.metadata["above"] or 0.0))
     most = min(bound for bound in (value * 10.0**decades, field.metadata["at_most"],
                                    (field.metadata["below"] or math.inf) / _INSIDE) if bound is not None)  # fmt: skip
-    return Knob(path, field.metadata["unit"], value, min(least, value), max(most, value), logarithmic=True)
+    return Knob(path, unit_of(type(component), field), value, min(least, value), max(most, value), logarithmic=True)
 
 
 def around(component: Component, name: str, path: str, width: float, *, relative: bool = False) -> Knob | None:
@@ -93,4 +93,4 @@ def around(component: Component, name: str, path: str, width: float, *, relative
     except KeyError:
         return None
     width = width * abs(value) if relative else width
-    return Knob(path, field.metadata["unit"], value, value - width, value + width) if width else None
+    return Knob(path, unit_of(type(component), field), value, value - width, value + width) if width else None

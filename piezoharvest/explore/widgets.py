@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bokeh.layouts import column, row
-from bokeh.models import CustomJSTickFormatter, HoverTool
+from bokeh.models import CustomJSTickFormatter, Div, HoverTool
 from bokeh.plotting import figure
 
 from piezoharvest.report.units import pretty_unit
@@ -64,7 +64,9 @@ def plot(
     curve = drawn.line(x, y, source=source, color=_COLOUR, line_width=1.5, **names)
     if of:
         drawn.line(x, of, source=source, color=_SECOND, line_width=1.5, legend_label=of)
-        drawn.legend.update(location="top_left", orientation="horizontal", padding=2, background_fill_alpha=0.6)
+        drawn.legend.update(orientation="horizontal", padding=2, border_line_color=None)
+        drawn.add_layout(drawn.legend[0], "above")
+    drawn.toolbar.logo = None
     shown = [name for name in (x, y, of) if name]
     tips = [(name, f"@{name}{{0.0000e+0}}") for name in shown]
     drawn.add_tools(HoverTool(tooltips=tips, renderers=[curve], mode="vline" if x in ("time", "x") else "mouse"))
@@ -94,4 +96,5 @@ def page_of(document: Document, title: str, content: UIElement) -> None:
     """Put the content into the window's document."""
     document.template = _HEAD  # pyright: ignore[reportAttributeAccessIssue]
     document.title = f"piezoharvest: {title}"
-    document.add_root(content)
+    heading = Div(text=f"<h1 style='margin: 0; font-size: 1.25rem'>{html.escape(title)}</h1>")
+    document.add_root(column(heading, content, sizing_mode="stretch_width"))

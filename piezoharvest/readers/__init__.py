@@ -11,6 +11,7 @@ import os
 import pkgutil
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 from piezoharvest.description.parameters import subclasses_by
@@ -67,6 +68,10 @@ def open_reader(path: Path, **lines: int) -> Reader:
     if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
         raise ReadError(f"{' and '.join(lines)} may be given for text files only ({allowed})")
+    missing = [name for name in cls.unsafe if cls.extra and find_spec(name) is None]
+    if missing:
+        needed = f"the package {missing[0]} is missing, which reads {cls.suffixes[0]} files"
+        raise ReadError(f"{needed}: pip install 'piezoharvest[{cls.extra}]'")
     return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)
 
 

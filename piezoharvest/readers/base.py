@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import unicodedata
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -70,8 +71,12 @@ class Reader(ABC):
         True if rows are lines, of which some may be skipped.
     unsafe : tuple of str
         Libraries that may crash on a damaged file: if there are any, the files are read in a separate process.
+    extra : str
+        Extra of this package that installs these libraries, if they are not always there.
     most_bytes : int
         Largest allowed file size.
+    channels : mapping of str to str
+        Channels that columns of the format hold, by their names in lower case, where these are always the same.
 
     Raises
     ------
@@ -89,7 +94,9 @@ class Reader(ABC):
     step_error: float = 0.0
     by_lines: ClassVar[bool] = False
     unsafe: ClassVar[tuple[str, ...]] = ()
+    extra: ClassVar[str] = ""
     most_bytes: ClassVar[int] = 1 << 62
+    channels: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def __init__(self, path: Path):
         self.path = path

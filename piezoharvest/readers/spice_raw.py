@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +23,10 @@ class SpiceRaw(Reader):
     """A transient analysis of a circuit simulator; columns are named as there, "v(p)", "i(vload)"."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
+    # Readings of a netlist that `export` has written; its V(drive) is whatever drives the structure, mostly a force.
+    channels: ClassVar[Mapping[str, str]] = MappingProxyType({
+        "v(drive)": "force", "v(x)": "displacement", "v(p)": "voltage", "i(vload)": "current", "v(vdc)": "dc_voltage",
+    })  # fmt: skip
 
     def __init__(self, path: Path):
         super().__init__(path)

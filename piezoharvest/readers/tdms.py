@@ -18,6 +18,7 @@ class Tdms(Reader):
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
     magic: ClassVar[tuple[bytes, ...]] = (b"TDSm", b"TDSh")
     unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
+    extra: ClassVar[str] = "tdms"
 
     def __init__(self, path: Path):
         from nptdms import TdmsFile

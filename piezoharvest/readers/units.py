@@ -15,6 +15,7 @@ _SYMBOLS = {
     "s": ("s", 1.0), "N": ("N", 1.0), "m": ("m", 1.0), "V": ("V", 1.0), "A": ("A", 1.0), "Hz": ("Hz", 1.0),
     "ohm": ("ohm", 1.0), "Ohm": ("ohm", 1.0), "\u03a9": ("ohm", 1.0), "g": ("m/s^2", 9.80665),
     "W": ("W", 1.0), "Pa": ("Pa", 1.0), "F": ("F", 1.0), "H": ("H", 1.0), "C": ("C", 1.0), "rad": ("rad", 1.0),
+    "strain": ("strain", 1.0), "\u03b5": ("strain", 1.0),
 }  # fmt: skip
 _WORDS = {
     "second": ("s", 1.0), "sec": ("s", 1.0), "min": ("s", 60.0), "minute": ("s", 60.0), "newton": ("N", 1.0),
@@ -23,7 +24,12 @@ _WORDS = {
     "hertz": ("Hz", 1.0), "hz": ("Hz", 1.0), "khz": ("Hz", 1e3), "ohm": ("ohm", 1.0), "radian": ("rad", 1.0),
     "deg": ("rad", math.pi / 180), "degree": ("rad", math.pi / 180), "°": ("rad", math.pi / 180),
     "db": ("dB", 1.0), "%": ("%", 1.0), "°c": ("degC", 1.0), "siemens": ("S", 1.0), "g_0": ("m/s^2", 9.80665),
+    "strain": ("strain", 1.0),
 }  # fmt: skip
+# Levels: "dB re 1 g/N", "dB re. 1e-6 m/N", "dB ref (m/s)/N", "dB (m/N)".
+_LEVEL = re.compile(
+    r"db\s*(?:\bref?\b\.?:?\s*|(?=[(\[]))(?P<size>\d[\d.]*(?:e[+-]?\d+)?\s+)?(?P<unit>\S.*)", re.IGNORECASE
+)
 _COMPOUND = {"rad/s": ("Hz", 0.5 / math.pi), "rpm": ("Hz", 1 / 60)}
 _ACCELERATION = re.compile(r"(\w*m)\s*(?:/|\s|per|_per_|_)\s*s\s*(?:\^|\*\*)?-?\s*2")
 _SPEED = re.compile(r"(\w*m)\s*(?:/|per|_per_|_)\s*s")
@@ -44,20 +50,27 @@ class Unit(NamedTuple):
         Factor from this unit to the SI unit.
     firm : bool
         True if it can only be a unit: the end of a name such as "force_A" may be something else.
+    of : str
+        SI unit of what a level in "dB" is of, if the file states it; `factor` is then the size of 0 dB.
     """
 
     text: str
     si: str
     factor: float
     firm: bool = True
+    of: str = ""
 
 
 def unit_of(text: str) -> Unit | None:
     """Unit with this text, or None if it is unknown."""
     cleaned = text.strip()
-    if not 0 < len(cleaned) <= 24:
+    if not 0 < len(cleaned) <= 32:
         return None
     plain = unicodedata.normalize("NFKC", cleaned)  # one sign for micro, for ohm, and 2 for its superscript
+    if level := _LEVEL.fullmatch(plain):
+        zero = unit_of(_without_brackets(level["unit"]))
+        size = float(level["size"] or 1.0) if zero is not None else 0.0
+        return Unit(cleaned, "dB", size * zero.factor, of=zero.si) if zero is not None and zero.si != "dB" else None
     found = _COMPOUND.get(plain) or _simple(plain) or _motion(plain) or _ratio(plain)
     return None if found is None else Unit(cleaned, *found)
 
@@ -115,8 +128,16 @@ def _motion(text: str) -> tuple[str, float] | None:
 def _ratio(text: str) -> tuple[str, float] | None:
     """SI unit and factor of a quotient of two units, as of a frequency response."""
     for slash in (n for n, mark in enumerate(text) if mark == "/"):
-        parts = [part.strip().removeprefix("(").removesuffix(")") for part in (text[:slash], text[slash + 1 :])]
+        parts = [_without_brackets(part) for part in (text[:slash], text[slash + 1 :])]
         found = [_simple(part) or _motion(part) for part in parts]
         if found[0] is not None and found[1] is not None:
-            return ratio_of(found[0][0], found[1][0]), found[0][1] / found[1][1]
+            same = found[0][0] == found[1][0] == "m"  # a micrometre per metre is a strain
+            return "strain" if same else ratio_of(found[0][0], found[1][0]), found[0][1] / found[1][1]
     return None
+
+
+def _without_brackets(text: str) -> str:
+    """A text without blanks, and without one pair of brackets, around it."""
+    text = text.strip()
+    pair = len(text) > 1 and text[0] + text[-1] in ("()", "[]") and not re.search(r"[()\[\]]", text[1:-1])
+    return text[1:-1] if pair else text

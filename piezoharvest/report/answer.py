@@ -74,7 +74,9 @@ def _where(study: Study) -> str:
     amplitude: float = excitation.amplitude  # pyright: ignore[reportAttributeAccessIssue]
     level = f"a sinusoidal {what} of {engineering(amplitude, unit, 4, exact=True)}"
     if band is not None:
-        return f"under {level} from {frequency_range(band)} (mean power, worst vibration)"
+        damping = study.design is not None and study.design.objective == "damping"
+        judged = "worst vibration" if damping else "mean power, worst vibration"
+        return f"under {level} from {frequency_range(band)} ({judged})"
     return f"under {level} at {engineering(frequency, 'Hz', 5, exact=True)}"
 
 

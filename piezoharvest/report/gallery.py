@@ -100,7 +100,9 @@ class Gallery:
         if rows:
             section = "power" if "harvested_power" in rows[0] else "damping"
             caption = "Best passive network found on the two-port, with one restriction after the other added."
-            yield Picture("restrictions", section, "Price of restrictions", caption, restrictions.restrictions(rows))
+            yield Picture(
+                "restrictions", section, "What each restriction costs", caption, restrictions.restrictions(rows)
+            )
 
     @property
     def _periodic(self) -> bool:

@@ -90,11 +90,12 @@ def _sentence(found: Identification) -> str:
     known = sum(estimate.identifiable for estimate in found.estimates)
     fitted = sum(record.role == "fit" for record in found.records)
     text = f"{known} of {len(found.estimates)} parameters are determined by {fitted} record{'s' * (fitted != 1)}."
-    quality, words = (found.validation, "records that were not fitted") if found.validation.rms else (found.fit, "them")
+    unseen = bool(found.validation.rms)
+    quality, words = (found.validation, "records that were not fitted") if unseen else (found.fit, "these records")
     ratios = [
         f"{channel} {number(quality.rms[channel] / noise, 3)}" for channel, noise in quality.noise.items() if noise
     ]
-    return f"{text} Residuals of {words}, in units of the noise: {', '.join(ratios)}."
+    return f"{text} Residuals of {words}, relative to the noise: {', '.join(ratios)}."
 
 
 def _row(estimate: Estimate) -> dict[str, Any]:

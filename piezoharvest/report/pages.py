@@ -53,6 +53,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
     bound = BoundLines(study, design_result.bound, best_linear(subjects))
+    damping = study.design is not None and study.design.objective == "damping"
+    headings, rows = tables.ranking(subjects, limit, damping)
     gallery = Gallery(study, subjects, limit, bound, design_result)
     with report_folder(directory) as folder:
         figures = place_pictures(gallery.pictures(), _SECTIONS, folder)
@@ -60,7 +62,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
             "report.html.j2",
             title=study.title,
             answer=answer(study, subjects, limit),
-            ranking=tables.ranking(subjects, limit),
+            headings=headings,
+            ranking=rows,
             parts=tables.bought_parts(subjects),
             restrictions=tables.restrictions(subjects),
             front=tables.best_front(design_result),
@@ -68,7 +71,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
             series=tables.series_text(subjects),
             worst_cases=worst_cases(subjects),
             worst_case=worst_case_text(study, subjects),
-            damping=study.design is not None and study.design.objective == "damping",
+            damping=damping,
             tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
             limit=limit and engineering(limit.power, "W"),
             near_limit=tables.near_limit(subjects, limit),

@@ -18,6 +18,7 @@ from piezoharvest.report.figures.restrictions import price_text, value_text
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, front_subject, values_of
 from piezoharvest.report.units import (
+    NONE,
     SPACE,
     decibel,
     engineering,
@@ -87,27 +88,74 @@ class QuantityRow(NamedTuple):
     doc: str
 
 
-def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
-    """One row for each candidate; cells in the order of the columns."""
+def ranking(subjects: Sequence[Subject], limit: Limit | None, damping: bool) -> tuple[list[str], list[Row]]:
+    """Headings, those of the objective first, and one row for each candidate; no column without any value."""
+    columns = _damping_columns(subjects) if damping else _power_columns(subjects, limit)
+    shown = {heading: cells for heading, cells in columns.items() if any(cell != NONE for cell in cells)}
     rows = []
-    for s in subjects:
-        c, r, p = s.candidate, s.response, s.candidate.harvested_power
-        closure = r.energy.get("closure") if r else None
-        cells = [
-            with_error(p, c.standard_error, "W") if c.standard_error else engineering(p, "W"),
-            percent(c.harvested_power / limit.power) if limit else "",
-            percent(r.efficiency) if r else engineering(None),
-            engineering(c.displacement_amplitude, "m"),
-            decibel(c.attenuation_db),
-            engineering(c.voltage_amplitude if c.voltage_amplitude > _MIN_VOLTAGE else 0.0, "V"),
-            engineering(r.dc_voltage, "V") if r and r.dc_voltage else engineering(None),
-        ]
-        violates = [_LIMITS.get(name, name) for name in c.violates]
-        own = [] if c.frequency is None else [("frequency", engineering(c.frequency, "Hz", 5))]
-        rows.append(Row(s.rank + 1, s.label, s.shunt.kind, own + list(values_of(s.shunt)), cells,
-                        number(closure, 1) if closure is not None else engineering(None), c.converged, violates,
-                        s.rank))  # fmt: skip
-    return rows
+    for n, s in enumerate(subjects):
+        closure = s.response.energy.get("closure") if s.response else None
+        violates = [_LIMITS.get(name, name) for name in s.candidate.violates]
+        frequency = s.candidate.frequency
+        own = [] if frequency is None else [("frequency", engineering(frequency, "Hz", 5))]
+        rows.append(Row(s.rank + 1, s.label, s.shunt.kind, own + list(values_of(s.shunt)),
+                        [cells[n] for cells in shown.values()],
+                        number(closure, 1) if closure is not None else engineering(None), s.candidate.converged,
+                        violates, s.rank))  # fmt: skip
+    return list(shown), rows
+
+
+def _power_columns(subjects: Sequence[Subject], limit: Limit | None) -> dict[str, list[str]]:
+    """Cells by heading of a table about harvested power."""
+    near = limit is not None and near_limit(subjects, limit)
+    return {
+        "harvested power": [_power(s) for s in subjects],
+        "share of the limit": [
+            percent(s.candidate.harvested_power / limit.power) if limit and near else NONE for s in subjects
+        ],
+        "efficiency": [percent(s.response.efficiency) if s.response else NONE for s in subjects],
+        **_motion_columns(subjects),
+        "voltage": [_voltage(s) for s in subjects],
+        "dc voltage": [_dc_voltage(s) for s in subjects],
+    }
+
+
+def _damping_columns(subjects: Sequence[Subject]) -> dict[str, list[str]]:
+    """Cells by heading of a table about vibration; power only where some is harvested."""
+    motion = _motion_columns(subjects)
+    harvested = any(s.harvests for s in subjects)
+    return {
+        "against shorted": motion["against shorted"],
+        "added damping": [
+            percent(s.candidate.added_damping) if s.candidate.added_damping is not None else NONE for s in subjects
+        ],
+        "displace\u00adment": motion["displace\u00adment"],
+        "voltage": [_voltage(s) for s in subjects],
+        "dc voltage": [_dc_voltage(s) for s in subjects],
+        "harvested power": [_power(s) if harvested else NONE for s in subjects],
+    }
+
+
+def _motion_columns(subjects: Sequence[Subject]) -> dict[str, list[str]]:
+    return {
+        "displace\u00adment": [engineering(s.candidate.displacement_amplitude, "m") for s in subjects],
+        "against shorted": [decibel(s.candidate.attenuation_db) for s in subjects],
+    }
+
+
+def _power(subject: Subject) -> str:
+    power, error = subject.candidate.harvested_power, subject.candidate.standard_error
+    return with_error(power, error, "W") if error else engineering(power, "W")
+
+
+def _voltage(subject: Subject) -> str:
+    voltage = subject.candidate.voltage_amplitude
+    return engineering(voltage if voltage > _MIN_VOLTAGE else 0.0, "V")
+
+
+def _dc_voltage(subject: Subject) -> str:
+    response = subject.response
+    return engineering(response.dc_voltage, "V") if response and response.dc_voltage else NONE
 
 
 def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:

@@ -44,7 +44,7 @@ class DesignOptions(Component):
     )
     coil_quality: float | None = quantity(
         "",
-        "quality of the synthesised network's coils at the centre of the band; None: no losses",
+        "quality of the synthesised network's coils at the centre of the band; default: no losses",
         default=None,
         above=0,
     )

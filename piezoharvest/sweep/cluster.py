@@ -36,11 +36,16 @@ def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, notify: Call
     Raises
     ------
     ParameterError
-        There is no scheduler at the address, or its workers do not have this version of the package.
+        Dask is not installed, there is no scheduler at the address, or its workers do not have this version of the
+        package.
     OSError
         The cluster was lost.
     """
-    from distributed import KilledWorker
+    try:
+        from distributed import KilledWorker
+    except ImportError:
+        message = "a cluster needs the package distributed, which is not installed: pip install 'piezoharvest[cluster]'"
+        raise ParameterError(_KEY, message) from None
 
     with _connected(address) as client:
         threads = sum(client.nthreads().values())  # pyright: ignore[reportAttributeAccessIssue]

@@ -22,7 +22,7 @@ from piezoharvest.study import DesignOptions
 
 FORCE = 0.02
 STOPS = Hysteresis(thresholds=(1e-7, 3e-7), weights=(5e6, 1.5e7))
-BY_GRADIENT = "SLSQP on the engine's gradient"
+BY_GRADIENT = "SLSQP with the gradient of the simulator"
 
 
 def sine(frequency):
@@ -101,7 +101,7 @@ def test_resistor_in_weak_coupling(host):
     transducer, frequency = host(1e-6, 50), 60.0
     load = 1 / (transducer.capacitance * 2 * np.pi * frequency)
     found = tune(trial_of(transducer, sine(frequency)), Resistor(resistance=1.8 * load))
-    assert found.method == "line search on the engine"
+    assert found.method == "line search with the simulator"
     assert found.shunt.resistance == pytest.approx(load, rel=2e-3)
 
 
@@ -144,7 +144,7 @@ def test_fewer_simulations_than_without_derivatives(host, options, monkeypatch):
 
     monkeypatch.setattr(trials, "gradient", none)
     without = tune(trial_of(transducer, sine(50.6), **options), guess)
-    assert (by_gradient.method, without.method) == (BY_GRADIENT, "simplex search on the engine")
+    assert (by_gradient.method, without.method) == (BY_GRADIENT, "simplex search with the simulator")
     assert by_gradient.iterations < without.iterations
     assert by_gradient.merit <= without.merit + 1e-6
 

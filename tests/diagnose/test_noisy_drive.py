@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from piezoharvest import Campaign, Resistor, Transducer
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.description.effects import ChannelSkew
 from piezoharvest.diagnose import diagnose
@@ -161,3 +163,29 @@ def test_an_effect_that_is_not_there_gains_no_more_than_chance_whatever_it_does_
     assert inflation(found, delay) < 1.1
     (effect,) = found.model.transducer.effects
     assert abs(effect.delay) < 4.0 * np.sqrt(covariance(found)[delay, delay])
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_sine_sweep_through_a_resonance_with_a_noisy_load_cell_is_healthy(seed):
+    """Noise of 0.2 % of the force is amplified by the resonance, in whose band the residuals show it alone."""
+    rng = np.random.default_rng(seed)
+    m, b, k, coupling, capacitance, ohm = 0.25, 3.85, 9.48e4, 0.0213, 120e-9, 33e3
+    time = np.arange(4000) / 2000.0
+
+    def force(t):
+        return 0.5 * np.sin(2 * np.pi * (85.0 * t + 6.25 * t**2))  # 85 to 110 Hz in 2 s
+
+    def rates(t, y):
+        x, v, u = y
+        return [v, (force(t) - b * v - k * x + coupling * u) / m, (-coupling * v - u / ohm) / capacitance]
+
+    x, _, u = solve_ivp(rates, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-14, max_step=5e-4).y
+    exact = {"force_N": (force(time), 1e-3), "displacement_m": (x, 2e-8), "voltage_V": (u, 3e-3)}
+    data = {name: values + sigma * rng.standard_normal(4000) for name, (values, sigma) in exact.items()}
+    nominal = Transducer(mass=0.25, damping=4.0, stiffness=9.4e4, coupling=0.022, capacitance=118e-9)
+    record = {"data": data | {"time_s": time}, "shunt": Resistor(resistance=ohm)}
+    found = diagnose(Campaign.from_arrays(nominal, [record]))
+    assert found.verdict == "adequate"
+    true = {"mass": m, "damping": b, "stiffness": k, "coupling": coupling, "capacitance": capacitance}
+    for estimate in found.estimates:
+        assert abs(estimate.value - true[estimate.parameter.name]) < 4.0 * (estimate.std or 0.0)

@@ -7,8 +7,9 @@ import tomllib
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
-from made_from_code import figures, reference, schema
+from made_from_code import effect_figures, equations, figures, reference, schema
 
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench
@@ -134,3 +135,32 @@ def test_figure_of_a_shunt():
 def test_there_is_an_example_of_every_shunt_for_its_figure():
     own = {kind for kind, cls in shunts.registered().items() if cls.__module__.startswith("piezoharvest.")}
     assert figures.examples().keys() == own
+
+
+def test_equations_of_shunts_are_those_of_the_circuits():
+    """By hand: Kirchhoff's laws of an RL shunt, of a bridge that conducts, and of a switched loop with its quality."""
+    pytest.importorskip("sympy", reason="the extra docs is not installed")
+    examples = figures.examples()
+    found = dict(equations.equations(examples))
+    assert set(examples) - set(found) <= {"adaptive_rl"}  # whose multiplier is a function of its own
+    assert "L i_L' + R i_L - v = 0" in found["series_rl"]
+    assert "open      i = 0" not in found["series_rl"]
+    bridge = found["rectifier"].split("open+")[1]
+    assert "v' - v_dc' = 0" in bridge
+    assert "C_s v_dc' - i + v_dc/R_load = 0" in bridge
+    assert "L i_L' - v + sqrt(L) i_L/(sqrt(C) Q_i) = 0" in found["parallel_sshi"].split("closed")[1]
+    assert "reversed polarity" in found["rectifier"]
+
+
+def test_every_effect_has_a_figure_in_which_it_shows(monkeypatch):
+    shown = {}
+    monkeypatch.setattr(effect_figures, "_drawn", lambda *records: records)
+    monkeypatch.setattr(effect_figures.style, "write_png", lambda records, stream: shown.update({len(shown): records}))
+    names = [name for name, _, _ in effect_figures.figures()]
+    own = {name for name, cls in effects.registered().items() if cls.__module__.startswith("piezoharvest.")}
+    assert set(names) == own
+    for name, (with_it, without, channel) in zip(names, shown.values(), strict=True):
+        column = effect_figures._COLUMNS[channel]
+        change = np.abs(with_it[column] - without[column]).max() / np.abs(without[column]).max()
+        assert 0.05 < change < 3.0, name
+        assert np.unique(without[column]).size > 100, name  # no sensor of the bench is saturated

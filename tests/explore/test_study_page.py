@@ -54,6 +54,12 @@ class TestStudy:
             assert knob.low <= knob.value <= knob.high
             assert knob.from_slider(knob.to_slider(knob.high)) == pytest.approx(knob.high)
 
+    @pytest.mark.parametrize(("kind", "unit"), [("sine_force", "N"), ("sine_base", "m/s^2")])
+    def test_the_amplitude_has_the_unit_of_its_excitation(self, tmp_path, kind, unit):
+        (tmp_path / "study.toml").write_text(STUDY.replace("sine_force", kind))
+        knobs = {knob.path: knob for knob in StudyExplorer(load_study(tmp_path / "study.toml")).knobs(1)}
+        assert knobs["excitation.amplitude"].unit == unit
+
     def test_answer_is_that_of_the_simulator_and_below_the_bound(self, explorer):
         values = {"shunt.resistance": 8e3, "excitation.frequency": 51.0, "transducer.coupling": 1.2e-3}
         found = explorer.answer(0, values)

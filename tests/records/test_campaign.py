@@ -401,6 +401,26 @@ class TestFrequencyRecords:
         record = self.only(tmp_path, text, frf_csv=table)
         np.testing.assert_allclose(record.response, compliance, rtol=1e-9)
 
+    @pytest.mark.parametrize(
+        ("name", "source", "zero"),
+        [("a (dB re 1 um/N)", "", 1e-6), ("a [dB re. 1e-9 m/N]", "", 1e-9), ("a (dB ref m/kN)", 'unit = "dB"', 1e-3),
+         ("a (dB (um/N))", 'unit = "dB re um/N"', 1e-6), ("a (dB re 1 um/N)", 'unit = "dB re m/N", gain = 1.0', 1.0)],
+    )  # fmt: skip
+    def test_decibels_whose_zero_the_file_states(self, tmp_path, compliance, name, source, zero):
+        table = {"frequency_Hz": FREQUENCIES, name: 20 * np.log10(np.abs(compliance) / zero),
+                 "phase_deg": np.degrees(np.angle(compliance))}  # fmt: skip
+        keys = ", ".join(['column = "a"', *([source] if source else [])])
+        record = self.only(tmp_path, FRF + f"[records.channels]\nmagnitude = {{ {keys} }}\n", frf_csv=table)
+        np.testing.assert_allclose(record.response, compliance, rtol=1e-9)
+
+    def test_decibels_of_another_zero_than_the_file_states(self, tmp_path, compliance):
+        table = {"frequency_Hz": FREQUENCIES, "a (dB re 1 g/N)": 20 * np.log10(np.abs(compliance)),
+                 "phase_deg": np.degrees(np.angle(compliance))}  # fmt: skip
+        for unit in ("dB", "dB re m/N"):
+            text = FRF + f'[records.channels]\nmagnitude = {{ column = "a", unit = "{unit}" }}\n'
+            with pytest.raises(CampaignError, match=rf"found levels in 'dB re 1 g/N' in the file and '{unit}'"):
+                self.only(tmp_path, text, frf_csv=table)
+
     def test_units_of_a_response(self, tmp_path, compliance):
         text = FRF + (
             '[records.channels]\nfrequency = { column = "w", unit = "rad/s" }\n'

@@ -125,7 +125,8 @@ def test_a_remark_behind_the_first_row_costs_no_sample(tmp_path):
      ("°", "rad", np.pi / 180), ("m/s²", "m/s^2", 1.0), ("m/s^2", "m/s^2", 1.0), ("g", "m/s^2", 9.80665),
      ("KHZ", "Hz", 1e3), ("Volts", "V", 1.0),
      ("milliseconds", "s", 1e-3), ("min", "s", 60.0), ("um/N", "m/N", 1e-6), ("V/(m/s^2)", "V/(m/s^2)", 1.0),
-     ("dB", "dB", 1.0), ("lbf", "N", 4.4482216152605)],
+     ("dB", "dB", 1.0), ("lbf", "N", 4.4482216152605), ("µm/m", "strain", 1e-6),
+     ("µε", "strain", 1e-6), ("microstrain", "strain", 1e-6), ("(mm/s)/N", "(m/s)/N", 1e-3)],
 )  # fmt: skip
 @pytest.mark.parametrize("form", ["{} ({})", "{}[{}]", "{}({})-data"])
 def test_units_in_names(tmp_path, unit, si, factor, form):

@@ -440,6 +440,34 @@ class TestImpedances:
         head = '"Date","2024/03/01"\n' + ",".join(f'"{name}"' for name in ("No.", "FREQ[Hz]", *titles)) + "\n"
         self.same(tmp_path, "meter.csv", head + "\n".join(rows) + "\n", rtol=1e-8)
 
+    @pytest.mark.parametrize("quantity", ["Impedance", "Admittance"])
+    def test_bode_100_of_version_2(self, tmp_path, quantity):
+        """As its users' files of a gain are: both traces in their parts, the form of each in brackets."""
+        values = self.OHM if quantity == "Impedance" else 1 / self.OHM
+        unit = "Ohm" if quantity == "Impedance" else "S"
+        parts = {
+            f"TR1: {quantity} ({unit})": np.abs(values), f"TR2: {quantity} (Real)": values.real,
+            f"TR2: {quantity} (Degree)": np.angle(values, deg=True),
+        }  # fmt: skip
+        points = zip(self.FREQUENCY, *parts.values(), strict=True)
+        rows = "".join(",".join(f"{x:.15g}" for x in row) + "\n" for row in points)
+        head = "---Measurement Setup----\nDevice Type: Bode100\nDate: 07-12-2016\nNumber of Points: 40\n---------\n"
+        text = f"{head}Frequency (Hz),{','.join(parts)}\n{rows}"
+        self.same(tmp_path, "run.csv", text, rtol=1e-12)
+
+    @pytest.mark.parametrize("names", ["Cp(F) D()", "Cs(F) Q()"])
+    def test_pairs_with_empty_units(self, tmp_path, names):
+        """A loss factor has none; the analyser writes its brackets all the same."""
+        columns = {f"{name}-data": self.pairs()[name.removesuffix("()")] for name in names.split(" ")}
+        head = "!CSV A.01.01\n!Keysight Technologies,E4990A,MY541012345,A.03.01\n"
+        self.same(tmp_path, "e4990a.csv", head + self.e4990a(columns), rtol=1e-8)
+
+    def test_german_names_and_commas(self, tmp_path):
+        points = zip(self.FREQUENCY, np.abs(self.OHM) / 1e3, np.angle(self.OHM, deg=True), strict=True)
+        rows = [";".join(f"{x:.15g}" for x in row).replace(".", ",") for row in points]
+        text = "\n".join(["Frequenz;Scheinwiderstand;Phase", "Hz;kOhm;\u00b0", *rows]) + "\n"
+        self.same(tmp_path, "run.csv", text, rtol=1e-12, encoding="latin-1")
+
     def test_admittance_of_a_bode_100(self, tmp_path):
         columns = {"Real (S)": (1 / self.OHM).real, "Imaginary (S)": (1 / self.OHM).imag}
         names = ";".join(["Frequency (Hz)", *(f'"Trace 1: Admittance: {name}"' for name in columns)])

@@ -478,3 +478,10 @@ class TestTdms:
         with TdmsWriter(tmp_path / "a.tdms") as writer:
             writer.write_segment([ChannelObject("bench", "force", FORCE, scale)])
         np.testing.assert_allclose(read(tmp_path / "a.tdms", "force")[0], 2 * FORCE + 1)
+
+
+def test_without_nptdms(tmp_path, monkeypatch):
+    write_tdms(tmp_path / "a.tdms", {"force": FORCE})
+    monkeypatch.setattr("piezoharvest.readers.find_spec", lambda name: None)
+    with pytest.raises(ReadError, match=r"the package nptdms is missing, .*pip install 'piezoharvest\[tdms\]'"):
+        open_reader(tmp_path / "a.tdms")

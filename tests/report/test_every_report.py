@@ -69,3 +69,14 @@ class TestEveryReport:
         assert [row["data-kind"] for row in rows] == [c.shunt.kind for c in result.candidates]
         assert all(row["data-converged"] == "true" for row in rows)
         assert "not converged" not in page.text
+        headings = page.source.split('class="ranking"')[1].split("</thead>")[0].replace("\u00ad", "")
+        damping = re.findall(r'<th class="n">([^<]*)', headings)[0] == "against shorted"
+        study, _ = designed(name)
+        assert damping == (study.design is not None and study.design.objective == "damping")
+        assert ("added damping" in headings) == (
+            damping and any(c.added_damping is not None for c in result.candidates)
+        )
+        body = page.source.split('class="ranking"')[1].split("</tbody>")[0]
+        cells = re.findall(r"<tr data-kind.*?</tr>", body, flags=re.S)
+        columns = zip(*(re.findall(r'<td class="n"[^>]*>([^<]*)</td>', row) for row in cells), strict=True)
+        assert not any(all(cell == "\u2013" for cell in column) for column in list(columns)[:-1])

@@ -64,7 +64,7 @@ class TestContents:
         again = write_report(*designed("step"), str(tmp_path / "new" / "folder"))
         assert again == tmp_path / "new" / "folder" / "report.html"
         assert again.read_text() == report("step").read_text()
-        assert {file.suffix for file in again.parent.iterdir()} == {".html", ".png"}
+        assert {file.suffix for file in again.parent.iterdir()} == {".html", ".png", ".pdf"}
 
 
 class TestUntrusted:

@@ -242,3 +242,9 @@ def test_a_worker_looks_at_the_version_before_the_study():
     assert (version != "99.0", answers) == (True, None)
     with pytest.raises(pickle.UnpicklingError):
         cluster._evaluate(version, b"not to be read", np.empty((1, 1)))
+
+
+def test_without_dask(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ParameterError, match=r"needs the package distributed, .*pip install 'piezoharvest\[cluster\]'"):
+        next(iter(cluster.on_cluster(study_of(tmp_path, LONG), [], "tcp://127.0.0.1:1", print)))

@@ -237,6 +237,6 @@ def _effect(name: str, cls: type) -> str:
 
 
 def _code(cls: type) -> str:
-    """The class itself, folded in: its equations are written as on paper."""
+    """The class itself, folded in."""
     block = f"```python\n{inspect.getsource(cls).rstrip()}\n```\n"
-    return f'??? note "Its equations"\n\n{textwrap.indent(block, "    ")}'
+    return f'??? note "In the code"\n\n{textwrap.indent(block, "    ")}'

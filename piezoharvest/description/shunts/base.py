@@ -180,7 +180,9 @@ class LinearShunt(Shunt):
 
 @dataclass(frozen=True, kw_only=True)
 class ExtendedCircuit(Shunt):
-    """A circuit with something that multiplies its configurations: their names follow a blank, as in "cold open+".
+    """A circuit with a further part that has states of operation of its own: a supply, a cold start, a curved part.
+
+    Each of these multiplies the configurations; the circuit's own follows behind a blank, as in "cold open+".
 
     Subclasses define `configurations`, `equations`, `powers`, `guards`, `closed` and `opened`.
     """

@@ -64,7 +64,7 @@ def with_start(whole: Shunt, shunt: Shunt) -> Shunt:
 
 @dataclass(frozen=True, kw_only=True)
 class ColdStart(ExtendedCircuit):
-    """A circuit in those of its configurations in which its switch waits, "cold open+", and in all, "warm open+"."""
+    """A circuit whose control the dc side powers: its switch waits ("cold open+") or acts ("warm open+")."""
 
     start: Any
     stop: Any

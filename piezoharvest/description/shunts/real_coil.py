@@ -148,11 +148,14 @@ class WoundCoil(SwitchedLoop):
     in_line: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # V and ohm, beside the resistance of the loop (`curved`)
 
     core_resistance: float | None = quantity(
-        "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
+        "ohm",
+        "resistance in parallel with the inductance, the loss of the core; default: no loss",
+        default=None,
+        above=0,
     )
     self_resonance: float | None = quantity(
         "Hz",
-        "frequency at which the capacitance of the winding resonates with the inductance; None: no capacitance",
+        "frequency at which the capacitance of the winding resonates with the inductance; default: no capacitance",
         default=None,
         above=0,
     )

@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.cold_start import StartedSwitch
 
 @dataclass(frozen=True, kw_only=True)
 class StagedFlip(StartedSwitch):
-    """At every extremum the switch goes through all stages; the bridge may conduct in any of them.
+    """An inversion in several stages at every extremum, beside a bridge, which may conduct in any of them.
 
     The name of a configuration is "open" or that of a stage with the sign of the voltage before the flip in front of
     it, and behind it the sign of the conducting diodes, as in "+short-".

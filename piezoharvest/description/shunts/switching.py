@@ -85,7 +85,7 @@ class SwitchedLoop(Shunt):
 
     switch_resistance: float | None = quantity(
         "ohm",
-        "resistance of the closed switch, in addition to that given by quality; None: none",
+        "resistance of the closed switch, in addition to that given by quality; default: none",
         default=None,
         at_least=0,
     )
@@ -171,7 +171,7 @@ class SwitchedCoil(SwitchedLoop):
         return np.sqrt(inductance / capacitance) / resistance
 
     def inversion(self, capacitance: float) -> Any:
-        """Share of the voltage that half a swing inverts, exp(-pi/(2 Q)) with the quality of the closed loop."""
+        """Fraction of the voltage that half a swing leaves, inverted: exp(-pi/(2 Q)), Q that of the closed loop."""
         return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
 
     def nominal_flip_time(self, capacitance: float) -> float:
@@ -223,10 +223,10 @@ class EmptyingSwitch(SynchronisedShunt, SwitchedLoop):
     """
 
     inductance: float | None = quantity(
-        "H", "inductance of the path; default: the voltage changes instantly", default=None, above=0
+        "H", "inductance of the extraction path; default: none, the charge moves instantly", default=None, above=0
     )
     quality: float | None = quantity(
-        "", "quality of the path with the clamped capacitance C, sqrt(L/C)/R", default=None, above=0.5
+        "", "quality of the extraction path with the clamped capacitance C, sqrt(L/C)/R", default=None, above=0.5
     )
     on_time_error: float = quantity(
         "", "relative error of the time for which the switch is closed", default=0.0, above=-1

@@ -110,7 +110,11 @@ class Hardening:
         first = self.region.logs(start.values)[None]
         found, merit = zoom(merits, first, np.full(first.shape[1], _WIDTH), self.region)
         return Tuned(
-            self.draft.with_values(self.region.values(found[0])), float(merit[0]), start.formula, "stencils", rounds
+            self.draft.with_values(self.region.values(found[0])),
+            float(merit[0]),
+            start.formula,
+            "pattern search with the simulator",
+            rounds,
         )
 
 
@@ -157,4 +161,4 @@ def _descend(trial: ScenarioTrial, draft: Draft, region: Region, start: Start) -
     if not np.all(np.isfinite(found.x)):
         return None
     shunt = draft.with_values(region.values(region.clip(found.x[:size])))
-    return Tuned(shunt, trial.merit(shunt), start.formula, "SLSQP on the engine's gradients", trial.simulations)
+    return Tuned(shunt, trial.merit(shunt), start.formula, "SLSQP with gradients of the simulator", trial.simulations)

@@ -81,7 +81,7 @@ class Synthesis:
         return {"name": name, "order": order, "coil_quality": quality, "parts": parts, key: getattr(figures, key)}
 
     def _at(self, order: int, quality: float | None) -> Draft:
-        """Tuned ladder of at most an order, with coils of a quality at the centre; None: without losses."""
+        """Tuned ladder of at most an order, with coils of a quality at the centre, or without losses (None)."""
         loss = self.host.omega / quality if quality else 0.0
         if (order, loss) not in self._tuned:
             grown = self._growth(loss).best(order)

@@ -73,4 +73,4 @@ def tune_time_lag(trial: Trial, draft: Draft, tuned: Tuned, host: Host) -> Tuned
     if late >= early:
         return tuned
     count = tuned.iterations + trial.simulations - before
-    return Tuned(shunt_at(p), merit(p), tuned.start, "grid and simplex search on the engine", count)
+    return Tuned(shunt_at(p), merit(p), tuned.start, "grid and simplex search with the simulator", count)

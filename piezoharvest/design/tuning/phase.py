@@ -81,7 +81,7 @@ class PhaseTuning:
             return found._replace(iterations=trial.simulations - before)
         p, merit = zoom(merits, first[None], self._widths, self.region)
         found = Tuned(self.draft.with_values(self.region.values(p[0])), float(merit[0]), self.start.formula,
-                      "stencils on the engine", 0)  # fmt: skip
+                      "pattern search with the simulator", 0)  # fmt: skip
         if trial.view.goal.damping or trial.view.goal.limits_levels:
             # The worst peak lies between the frequencies of the batch: the last step sees it.
             last = replace(self.draft, shunt=found.shunt, free=self.draft.free[:1])

@@ -45,13 +45,13 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
         return trial.merit(shunt_at(p))
 
     if region is None and len(p) > 1:
-        p, method = simplex(merit, p), "simplex search on the engine"
+        p, method = simplex(merit, p), "simplex search with the simulator"
     elif region is None or len(p) == 1:
         width = _WIDTH if trial.view.operation.apart else _ROUGH_WIDTH
-        p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search on the engine"
+        p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search with the simulator"
     else:
         found = _EngineProgram(trial, draft, region).solve(p)
-        p, method = found if found is not None else (simplex(merit, p), "simplex search on the engine")
+        p, method = found if found is not None else (simplex(merit, p), "simplex search with the simulator")
     return Tuned(shunt_at(p), merit(p), start.formula, method, trial.simulations - before)
 
 
@@ -77,7 +77,7 @@ class _EngineProgram:
             if not found.success:
                 break
             p, _ = self._split(found.x)
-            answer = p, "SLSQP on the engine's gradient"
+            answer = p, "SLSQP with the gradient of the simulator"
             # On the edge of its reach is within it as often as not, by rounding.
             if np.all(np.abs(p - start) < _TRUST_RADIUS - _ACCURACY):
                 break

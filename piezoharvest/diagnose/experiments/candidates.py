@@ -13,6 +13,7 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.experiments.reach import DRIVES, Reach
 
+NO_PRELOAD = 0.03  # mean of a drive, of its amplitude, below which a planned sine has none
 FREQUENCIES = 9  # of sines, evenly spaced in their logarithms over the whole range
 MAX_SAMPLES = 5000  # of a planned record: a slower sampling serves a longer one as well
 SAMPLES_PER_PERIOD = 20  # at least
@@ -52,6 +53,8 @@ def first_look(reach: Reach, transducer: Transducer) -> Iterator[Planned]:
     if lowest < resonance < highest and not transducer.quasi_static:
         frequencies.append(resonance)
     middle, size = 0.5 * (reach.span[0] + reach.span[1]), 0.5 * (reach.span[1] - reach.span[0])
+    if abs(middle) < NO_PRELOAD * size:  # of noise and rounding, which nobody means to repeat
+        middle = 0.0
     kind = SineBase if DRIVES[reach.drive] else SineForce
     for shunt in reach.shunts:
         for frequency in frequencies:

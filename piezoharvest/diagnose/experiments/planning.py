@@ -86,8 +86,14 @@ def described(planned: Planned) -> str:
         about = f" about {middle:.4g} {unit}" if middle else ""
         text = f"a sine of {drive.frequency_hz:.4g} Hz and {size:.4g} {unit}{about}"
     load = getattr(planned.shunt, "resistance", None)
-    circuit = f"{load:.4g} ohm" if load is not None and planned.shunt.kind == "resistor" else planned.shunt.kind
+    circuit = _ohms(load) if load is not None and planned.shunt.kind == "resistor" else planned.shunt.kind
     return f"{text}, with {circuit.replace('_', ' ')}, {planned.duration:.3g} s long at {planned.sample_rate:.4g} Hz"
+
+
+def _ohms(load: float) -> str:
+    """A resistance with a prefix: "3.3 kohm"."""
+    scale, prefix = next(((s, p) for s, p in ((1e6, "M"), (1e3, "k")) if load >= s), (1.0, ""))
+    return f"{load / scale:.4g} {prefix}ohm"
 
 
 class Planner:

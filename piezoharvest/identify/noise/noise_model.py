@@ -23,6 +23,7 @@ CEILING_FACTOR = 1.3  # times the noise at a channel's highest frequencies: scat
 MIN_NOISE_RATIO = 0.1  # of the noise before: limits the weight that a channel with less noise gets at once
 MAX_ITERATIONS, TOLERANCE = 50, 1e-6  # most iterations to the most likely noise, and relative change at the end
 MIN_EIGENVALUE_RATIO = 1e-12  # relative eigenvalue of an information matrix that counts as zero
+LEAST_INFORMATION = 1.0  # about the square of a noise, in units of that square: below, residuals do not determine it
 FOURTH_DIFFERENCE_GAIN = 70.0  # gain of fourth differences in the variance of white noise
 
 
@@ -94,6 +95,9 @@ def estimate(
     free = np.array(
         [k for k, name in enumerate(names) if name not in known and any(p.observable[k] for p in parts)], int
     )
+    determined = _determined(free, parts, shares)
+    kept = np.setdiff1d(free, determined)
+    shares[kept], free = np.clip(shares[kept], *bounds[:, kept]), determined
     for _ in range(MAX_ITERATIONS if len(free) else 0):
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
@@ -101,6 +105,16 @@ def estimate(
         if np.abs(shares - before).max() < TOLERANCE * shares.max():
             break
     return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
+
+
+def _determined(free: np.ndarray, parts: Sequence[_BandSpectrum], shares: np.ndarray) -> np.ndarray:
+    """Of the free shares, those that the residuals would determine to within their own size if the others were known.
+
+    The noise of a drive shows in the residuals only where the specimen responds to it. Far above a resonance it does
+    not, and the most likely value would be anywhere between the limits.
+    """
+    information = sum((np.diag(_scoring(part, shares)[0]) for part in parts), start=np.zeros(len(shares)))
+    return free[information[free] >= LEAST_INFORMATION]
 
 
 def _most_likely(

@@ -294,16 +294,25 @@ def _column_names(line: str, run: _NumberRows, samples: Sequence[Sequence[str]])
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """True if a row holds units."""
-    inner = [cell.strip("()[]<>").strip() for cell in cells]
+    """True if a row holds units: all of its cells, or, below a time or a frequency in its unit, most of them."""
+    inner = [_inner(cell) for cell in cells]
     bracketed = [cell[:1] in ("(", "[", "<") and cell[-1:] in (")", "]", ">") for cell in cells]
-    known = [unit_of(text) is not None for text in inner]
-    rest = (
-        b or k or text.lower() in _NO_UNITS or _NUMBER.fullmatch(text)
-        for text, b, k in zip(inner, bracketed, known, strict=True)
-    )  # fmt: skip
-    return (any(known) or any(bracketed)) and all(rest)
+    units = [unit_of(text) for text in inner]
+    rest = [
+        b or u is not None or text.lower() in _NO_UNITS or _NUMBER.fullmatch(text) is not None
+        for text, b, u in zip(inner, bracketed, units, strict=True)
+    ]
+    first = units[0] if units else None
+    most = first is not None and first.si in ("s", "Hz") and 3 * sum(rest) >= 2 * len(rest)
+    return (any(units) or any(bracketed)) and (all(rest) or most)
 
 
 def _units(cells: Sequence[str]) -> tuple[str, ...]:
-    return tuple(text if unit_of(text := cell.strip("()[]<>").strip()) else "" for cell in cells)
+    return tuple(text if unit_of(text := _inner(cell)) else "" for cell in cells)
+
+
+def _inner(cell: str) -> str:
+    """A cell without brackets around it."""
+    pair = cell[:1] + cell[-1:]
+    inside = cell[1:-1] if pair in ("()", "[]", "<>") else cell
+    return (cell if any(mark in inside for mark in pair) and pair in ("()", "[]") else inside).strip()

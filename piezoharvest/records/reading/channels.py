@@ -98,7 +98,7 @@ class ChannelSource(Component):
         ParameterError
             The file states another unit than the campaign, or one of another quantity; the error's key is "unit".
         """
-        if levels and self.unit.startswith("dB"):
+        if levels and (self.unit.startswith("dB") or (not self.unit and stated is not None and stated.of == si)):
             return self._of_levels(raw, si, stated)
         factor = unit_factor(self.unit or si, si)
         scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
@@ -113,14 +113,20 @@ class ChannelSource(Component):
             found = f"found the unit {stated.text!r} in the file and {self.unit!r} in the campaign"
             raise ParameterError("unit", f"{found}, {_SAME}")
         gain = 1.0 if self.gain is None else self.gain
-        return unit_factor(_reference(self.unit) or si, si) * 10.0 ** ((gain * raw + self.offset) / 20.0)
+        zero = unit_factor(_reference(self.unit) or si, si)
+        if stated is not None and stated.of and self.gain is None:  # the file says what 0 dB is
+            if stated.of != si or (_reference(self.unit) and not np.isclose(stated.factor, zero, rtol=1e-9, atol=0)):
+                found = f"found levels in {stated.text!r} in the file and {self.unit!r} in the campaign"
+                raise ParameterError("unit", f"{found}, {_SAME}")
+            zero = stated.factor
+        return zero * 10.0 ** ((gain * raw + self.offset) / 20.0)
 
     def _stated_factor(self, stated: Unit, si: str) -> float:
         """Factor from raw values to the SI unit, by the units that the campaign and the file state."""
         factor, same = unit_factor(self.unit or si, si), stated.si == si
         if not self.unit and same:
             return stated.factor
-        if stated.si == "dB" and not self.unit:
+        if stated.si == "dB" and not stated.of and not self.unit:
             raise ParameterError("unit", f'found levels in dB in the file: unit = "dB re {si}" defines 0 dB')
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"

@@ -12,15 +12,19 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 
 from piezoharvest.readers import Reader, ReadError, open_reader
-from piezoharvest.readers.units import ratio_of, stated_unit
+from piezoharvest.readers.base import last_part
+from piezoharvest.readers.units import Unit, ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
-from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
+from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry
+from piezoharvest.records.reading.frequency_record import read_frequency_record
 from piezoharvest.records.reading.impedance_forms import QUANTITIES
 from piezoharvest.records.reading.known_columns import known_column
+from piezoharvest.study import StudyError
 
 # Names without their units, in lower case; the first channel that fits is taken.
 _WORDS: Mapping[str, str] = MappingProxyType({
@@ -29,13 +33,16 @@ _WORDS: Mapping[str, str] = MappingProxyType({
     "dc_voltage": r"v?_?dc.*|dc.*volt.*|.*storage.*",
     "gate": r"gate.*|trig.*",
     "force": r"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*",
-    "displacement": r"x|.*disp.*|.*position.*|.*weg.*|.*auslenk.*|.*laser.*|lvdt.*",
+    "displacement": r"x|tip|.*(?:disp|position|weg|auslenk|deflection|laser|strain|dehnung).*|lvdt.*",
     "velocity": r".*velocity.*|vel|.*vibrometer.*|.*geschw.*",
     "acceleration": r"acc|.*accel.*|.*beschl.*",
     "current": r"i|.*current.*|.*strom.*",
     "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*",
 })  # fmt: skip
+_BASE = "base_acceleration"
+_MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
+_LEAST_COUNTED = 2  # samples whose numbers are consecutive
 _OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
 _RATIOS = {
     ratio_of(UNITS[top], UNITS[below]): (top, below)
@@ -58,7 +65,8 @@ class FoundFile:
     units : mapping of str to str
         Unit that the file states for it, "" if none, `OTHER_UNIT` where it is not the channel's.
     values : mapping of str to array (n,)
-        Recognised channels over time in SI units, "time" among them if the file has any.
+        Recognised channels over time in SI units, "time" among them if the file has any; "frequency" and "response" of
+        a frequency response that needs nothing more to be read.
     count : int
         Samples or lines.
     output, input : str
@@ -106,19 +114,41 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     if frequency is None or (frequency.lower() == "f" and reader.unit(frequency) is None):  # which may be a force
         return None
     count = len(reader.read([frequency])[frequency])
-    units = [unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
+    units = [unit.of or unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
     # Names of other quantities, as g, b and y, may also be those of a channel.
     telling = ("real", "magnitude", *(part for part, quantity in QUANTITIES.items() if quantity.unit in ("F", "H")))
     named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "conductance", "admittance", *telling)}
     if named & set(reader.names) or any(known_column(reader, part) for part in telling):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
-    columns: dict[str, str | int] = {} if "frequency_Hz" in reader.names else {"frequency": frequency}
+    parts = {part: known_column(reader, part, "frf") for part in RESPONSE_COLUMNS["frf"]}
+    defaults = (*RESPONSE_COLUMNS["frf"].values(), "phase_deg")
+    columns: dict[str, str | int] = {part: name for part, name in parts.items() if name and name not in defaults}
+    known = {column for column in (*parts.values(), *defaults) if column is not None}
     doubts = () if output else ("no column states a unit such as m/N, which would identify output and input",)
     return FoundFile(
-        path=path, kind="frf", columns=columns, units={}, values={}, count=count, output=output, input=source,
-        left=tuple(reader.names), doubts=doubts,
+        path=path, kind="frf", columns=columns, units={part: _text(reader, name) for part, name in columns.items()},
+        values=_response(path, output, source), count=count, output=output, input=source,
+        left=tuple(name for name in reader.names if name not in known), doubts=doubts,
     )  # fmt: skip
+
+
+def _text(reader: Reader, column: str | int) -> str:
+    """Unit that a file states for a column, as it writes it."""
+    unit = reader.unit(reader.resolve(column))
+    return "" if unit is None else " ".join(unit.text.split())
+
+
+def _response(path: Path, output: str, source: str) -> Mapping[str, np.ndarray]:
+    """Frequencies (Hz) and the response in SI units, if the file is one as it is."""
+    if not output:
+        return {}
+    entry = FrfEntry(kind="frf", file=path.name, output=cast("Any", output), input=cast("Any", source))
+    try:
+        record, _ = read_frequency_record(entry, "", {}, None, path.parent)
+    except StudyError:
+        return {}
+    return {"frequency": record.frequency, "response": record.response}
 
 
 def _signals(reader: Reader, path: Path) -> FoundFile:
@@ -128,6 +158,9 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
     units: dict[str, str] = {}
     values: dict[str, np.ndarray] = {}
     doubts: list[str] = []
+    if "acceleration" in columns and not {"force", "base_acceleration"} & set(columns):
+        columns = {_BASE if name == "acceleration" else name: column for name, column in columns.items()}
+        doubts.append("there is no force: the acceleration is taken for that of the base")
     for channel, place in list(columns.items()):
         name = reader.resolve(place)
         unit, raw = reader.unit(name), _numbers(reader, name)
@@ -136,10 +169,11 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
             wrong = "no increasing times" if raw is not None else "no numbers"
             doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
         elif unit is not None and unit.firm and unit.si != UNITS[channel]:
-            doubts.append(f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing")
+            doubt = f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing"
+            doubts.append(doubt + (" (the mode shape at the gauge gives it)" if unit.si == "strain" else ""))
             units[channel] = OTHER_UNIT
         else:
-            units[channel] = "" if unit is None else " ".join(unit.text.split())
+            units[channel] = _text(reader, name)
             values[channel] = raw * (unit.factor if unit is not None and unit.si == UNITS[channel] else 1.0)
     any_column = next((name for name in _resolved(reader).values() if _numbers(reader, name) is not None), None)
     stamps = None if any_column is None or "time" in columns else reader.time_of(any_column)
@@ -169,32 +203,44 @@ def _numbers(reader: Reader, name: str) -> np.ndarray | None:
 
 def _by_name(reader: Reader) -> dict[str, int]:
     """Columns, by their numbers from 1, that are named like a channel: default ones, then those in its unit, first."""
-    names = list(reader.names)
     found: dict[str, list[tuple[int, int]]] = {}
     for n, full in _resolved(reader).items():
-        name = names[n - 1]
-        bare = stated_unit(name)[0].strip().strip('"').lower().replace("_", " ").strip()
-        words = (bare, name.lower())
-        channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
-        default = next((c for c, column in COLUMNS.items() if column == name), None)
-        if default is not None:
-            found.setdefault(default, []).append((0, n))
-        elif channel is not None:
-            unit = reader.unit(full)
-            found.setdefault(channel, []).append((1 if unit is not None and unit.si == UNITS[channel] else 2, n))
+        name, unit = reader.names[n - 1], reader.unit(full)
+        default = next((c for c, column in COLUMNS.items() if column == name), reader.channels.get(name.lower()))
+        channel = default or _named_like(name, unit)
+        if channel is not None and (default is not None or not _counts(reader, full, channel)):
+            first = 0 if default is not None else 1 if unit is not None and unit.si == UNITS[channel] else 2
+            found.setdefault(channel, []).append((first, n))
     return {channel: min(places)[1] for channel, places in found.items()}
+
+
+def _named_like(name: str, unit: Unit | None) -> str | None:
+    """Channel that a name, or the last part of its path, is a word for; a motion by the unit that the file states."""
+    parts = (name, last_part(name), name.rsplit(".", 1)[-1])
+    bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
+    words = (*bare, name.lower())
+    channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
+    if channel in _MOTIONS and unit is not None:
+        return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
+    return channel
+
+
+def _counts(reader: Reader, name: str, channel: str) -> bool:
+    """True if a column only numbers the samples, as "X" of an oscilloscope does; times may be whole seconds."""
+    raw = _numbers(reader, name) if channel != "time" else None
+    return raw is not None and len(raw) > _LEAST_COUNTED and bool(np.all(np.diff(raw) == 1.0))
 
 
 def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, int]]:
     """Channels that are not named, by a unit that one column alone has and one channel alone is left for."""
     used = set(columns.values())
     stated = {n: reader.unit(name) for n, name in _resolved(reader).items()}
-    rest = [(n, unit.si) for n, unit in stated.items() if unit is not None and unit.firm and n not in used]
+    sure = {n: unit for n, unit in stated.items() if unit is not None and (unit.firm or len(unit.text) > 1)}
+    rest = [(n, unit.si) for n, unit in sure.items() if n not in used]
     for channel in ("time", "force", "displacement", "velocity", "voltage", "current", "acceleration"):
         places = [n for n, si in rest if si == UNITS[channel]]
         if channel not in columns and len(places) == 1:
-            moved = channel == "acceleration" and "force" not in columns and not any(si == "N" for _, si in rest)
-            yield ("base_acceleration" if moved else channel), places[0]
+            yield channel, places[0]
 
 
 def _resolved(reader: Reader) -> dict[int, str]:

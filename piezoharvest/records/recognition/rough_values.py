@@ -13,6 +13,7 @@ import numpy as np
 _SHARE = 0.999  # of the drive's power: the lines that have it are used, others are mostly noise
 _EXPLAINED = 0.5  # least share of the drive's power that the regression explains: of unrelated channels it is nearly 0
 _LEAST_LINES = 8  # for three to four values
+_INTEGRALS = {"displacement": 0, "velocity": 1, "acceleration": 2}  # to the displacement
 
 
 def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, float]:
@@ -21,7 +22,8 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     Parameters
     ----------
     channels : mapping of str to array (n,)
-        In SI units: force and displacement at least; voltage and current for the electrical values.
+        In SI units: force and a motion (`displacement`, `velocity` or `acceleration`) at least; voltage and current for
+        the electrical values.
     rate : float
         Hz.
 
@@ -31,7 +33,8 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
         Empty where samples are missing, or the regression gives no specimen: a value below zero, too few lines, a drive
         that is not explained.
     """
-    if "force" not in channels or "displacement" not in channels or len(channels["force"]) < 2 * _LEAST_LINES:
+    motion = next((name for name in _INTEGRALS if name in channels), None)
+    if "force" not in channels or motion is None or len(channels["force"]) < 2 * _LEAST_LINES:
         return {}
     if not all(np.isfinite(values).all() for values in channels.values()):
         return {}
@@ -43,7 +46,7 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     if len(lines) < _LEAST_LINES:
         return {}
     s, at = s[lines], {name: spectrum[lines] for name, spectrum in spectra.items()}
-    x = at["displacement"]
+    x = at[motion] / s ** _INTEGRALS[motion]
     columns = [x, s * x, s**2 * x, *([-at["voltage"]] if "voltage" in at else [])]
     coefficients = _regressed(columns, at["force"])
     left = at["force"] - np.column_stack(columns) @ coefficients
@@ -54,6 +57,41 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     if "voltage" in at and "current" in at:
         capacitance, coupling = _regressed([-s * at["voltage"], -s * x], at["current"])
         found |= {"coupling": coupling, "capacitance": capacitance}
+    return _if_positive(found)
+
+
+def rough_values_of_response(frequency: np.ndarray, response: np.ndarray, output: str) -> dict[str, float]:
+    """Mass, damping and stiffness from a motion over a force; the stiffness is that with the record's load.
+
+    Parameters
+    ----------
+    frequency : (n,) array
+        Hz.
+    response : (n,) complex array
+        SI units.
+    output : str
+        `displacement`, `velocity` or `acceleration`; for others nothing is found.
+
+    Returns
+    -------
+    dict
+        Empty where the response is not that of one mode.
+    """
+    if output not in _INTEGRALS or len(frequency) < _LEAST_LINES or not np.isfinite(response).all():
+        return {}
+    s = 2j * np.pi * frequency
+    receptance = response / s ** _INTEGRALS[output]
+    weight = np.abs(receptance)  # lines at the resonance, where the noise is least beside the response
+    columns = [weight * receptance * s**power for power in range(3)]
+    coefficients = _regressed(columns, weight + 0j)
+    if np.linalg.norm(weight - np.column_stack(columns) @ coefficients) ** 2 > (1.0 - _EXPLAINED) * np.sum(weight**2):
+        return {}
+    stiffness, damping, mass = coefficients
+    return _if_positive({"mass": mass, "damping": damping, "stiffness": stiffness})
+
+
+def _if_positive(found: Mapping[str, float]) -> dict[str, float]:
+    """The values, if they are those of a specimen."""
     positive = all(np.isfinite(value) and value > 0 for name, value in found.items() if name != "coupling")
     return {name: float(value) for name, value in found.items()} if positive else {}
 

@@ -175,7 +175,7 @@ def structure_figure(sides: Sequence[tuple[str, Sequence[ResidualTest]]]) -> Fig
                           ticks=[float(np.sign(t) * np.log10(1 + abs(t))) for t in ticks])  # fmt: skip
     bar.ax.set_yticklabels([f"{t:g}".replace("-", "−") for t in ticks])
     bar.ax.grid(False)
-    bar.set_label("excess over noise, in its standard deviation (σ)")
+    bar.set_label("excess over noise, σ")
     return figure
 
 

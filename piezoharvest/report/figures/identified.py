@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from piezoharvest.identify.prediction_overlay import Predicted
+from piezoharvest.readers.units import ratio_of
 from piezoharvest.records import FrequencyRecord, Record
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.report.figures import style
@@ -77,7 +78,7 @@ def _time_figure(predicted: Predicted, record: Record) -> Figure:
 def _response_figure(predicted: Predicted, record: FrequencyRecord) -> Figure:
     figure, axes = style.grid_of_axes(3, height=4.6, sharex=True)
     x, values = record.frequency, predicted.values
-    unit = "ohm" if record.kind == "impedance" else f"{UNITS[record.output]}/({UNITS[record.input]})"
+    unit = "ohm" if record.kind == "impedance" else ratio_of(UNITS[record.output], UNITS[record.input])
     axes[0].semilogy(x, np.abs(record.response), ".", markersize=3, color=style.PALETTE[0], label="measured")
     axes[0].semilogy(x, np.abs(values), label="predicted", **_PREDICTED)
     style.power_ticks(axes[0].yaxis)

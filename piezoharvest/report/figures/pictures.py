@@ -1,4 +1,4 @@
-"""Figures of a page: each as a PNG file beside it, and as inline SVG."""
+"""Figures of a page: each as a PNG and a PDF file beside it, and as inline SVG."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def place_pictures(
     Returns
     -------
     dict
-        For each section its figures, with name, heading, caption, file, svg and number.
+        For each section its figures, with name, heading, caption, files, svg and number.
 
     Raises
     ------
@@ -48,11 +48,12 @@ def place_pictures(
     """
     figures: dict[str, list[dict[str, Any]]] = {section: [] for section in sections}
     for picture in pictures:
-        file = f"{picture.name}.png"
-        with result_file(directory / file) as stream:
-            style.write_png(picture.figure, stream)
+        files = [f"{picture.name}.{ending}" for ending in ("png", "pdf")]
+        for file, write in zip(files, (style.write_png, style.write_pdf), strict=True):
+            with result_file(directory / file) as stream:
+                write(picture.figure, stream)
         svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
+        words = {"heading": picture.heading, "caption": picture.caption, "files": files, "name": picture.name}
         figures[picture.section].append({**words, "svg": svg})
     numbers = count(1)
     for section in figures.values():

@@ -11,6 +11,7 @@ from piezoharvest.whole_folder import whole_folder
 
 NAME = "report.html"
 _MARK = '<meta name="generator" content="piezoharvest'  # frame.html.j2
+_SUFFIXES = (".png", ".pdf")
 _FIGURE = re.compile(r'<span class="file">([^<]+)</span>')  # parts.html.j2
 
 
@@ -37,4 +38,7 @@ def _own(folder: Path) -> set[str]:
     if _MARK not in page:
         return set()
     named = {html.unescape(name) for name in _FIGURE.findall(page)}
-    return {NAME, *(path.name for path in folder.glob("*.png") if path.name in named and path.is_file())}
+    return {
+        NAME,
+        *(path.name for path in folder.iterdir() if path.suffix in _SUFFIXES and path.name in named and path.is_file()),
+    }

@@ -12,7 +12,7 @@ from piezoharvest.description.parameters import Component, ParameterError, quant
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageCurve(Component):
-    """Voltage across a part, straight between the points of a table, and beyond the last one as before it.
+    """Voltage across a part over its current, as a table: linear between its points, and beyond the last one.
 
     Raises
     ------

@@ -52,10 +52,10 @@ class AdaptiveRL(Shunt):
     )
     averaging_time: float = quantity("s", "time constant of the filter behind the multiplier", above=0)
     min_inductance: float | None = quantity(
-        "H", "smallest inductance; None: half of the initial one", default=None, above=0
+        "H", "smallest inductance; default: half of the initial one", default=None, above=0
     )
     max_inductance: float | None = quantity(
-        "H", "largest inductance; None: twice the initial one", default=None, above=0
+        "H", "largest inductance; default: twice the initial one", default=None, above=0
     )
     topology: Literal["series", "parallel"] = described(
         "whether the resistance is in series or in parallel", default="series"

@@ -50,7 +50,7 @@ class Digital(Shunt):
     resolution: float = quantity(
         "V", "quantisation step of the converter that reads the voltage", default=0.0, at_least=0
     )
-    saturation: float | None = quantity("A", "largest current; None: no limit", default=None, above=0)
+    saturation: float | None = quantity("A", "largest current; default: no limit", default=None, above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -24,7 +24,9 @@ class DSSH(WoundSwitch):
     source: ClassVar[str] = "Lallart, Garbuio, Petit, Richard & Guyomar, IEEE Trans. UFFC 55(10), 2119-2130, 2008"
 
     intermediate_capacitance: float = quantity("F", "capacitor between the two converters", above=0)
-    efficiency: float = quantity("", "fraction of its energy that reaches the load", default=1.0, at_least=0, at_most=1)
+    efficiency: float = quantity(
+        "", "fraction of the intermediate capacitor's energy that reaches the load", default=1.0, at_least=0, at_most=1
+    )
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
     diode_resistance: float = quantity("ohm", "series resistance of one diode", default=0.0, at_least=0)
 

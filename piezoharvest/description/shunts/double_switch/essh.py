@@ -32,13 +32,15 @@ class ESSH(DSSH):
     source: ClassVar[str] = "Shen, Qiu, Ji, Zhu & Balsi, Smart Mater. Struct. 19(11), 115017, 2010"
 
     second_inductance: float = quantity("H", "inductance of the coil between intermediate capacitor and load", above=0)
-    second_quality: float = quantity("", "quality of this coil with the intermediate capacitor, sqrt(L/C)/R", above=0.5)
+    second_quality: float = quantity(
+        "", "quality of the second coil with the intermediate capacitor, sqrt(L/C)/R", above=0.5
+    )
     residual: float = quantity(
         "", "fraction of the intermediate voltage that is left after each transfer", at_least=0, below=1
     )
 
     second_switch_resistance: float | None = quantity(
-        "ohm", "resistance of the second switch, in addition to second_quality; None: none", default=None, at_least=0
+        "ohm", "resistance of the second switch, in addition to second_quality; default: none", default=None, at_least=0
     )
     second_core_resistance: float | None = quantity(
         "ohm", "resistance in parallel with the second inductance, the loss of its core", default=None, above=0

@@ -23,7 +23,7 @@ class Battery(Rectifier):
     kind: ClassVar[str] = "battery"
     source: ClassVar[str] = "Sodano, Inman & Park, J. Intell. Mater. Syst. Struct. 16(10), 799-807, 2005"
 
-    dc_voltage: float = quantity("V", "voltage of the battery at rest", at_least=0)
+    dc_voltage: float = quantity("V", "open-circuit voltage of the battery", at_least=0)
     internal_resistance: float = quantity(
         "ohm", "internal resistance of the battery", default=0.0, at_least=0, other_law_at_zero=True
     )

@@ -22,14 +22,17 @@ class WoundShunt(LinearShunt):
 
     inductance: float = quantity("H", "inductance", above=0)
     winding_resistance: float | None = quantity(
-        "ohm", "resistance of the winding; None: no loss", default=None, at_least=0
+        "ohm", "resistance of the winding; default: no loss", default=None, at_least=0
     )
     core_resistance: float | None = quantity(
-        "ohm", "resistance in parallel with the inductance, the loss of the core; None: no loss", default=None, above=0
+        "ohm",
+        "resistance in parallel with the inductance, the loss of the core; default: no loss",
+        default=None,
+        above=0,
     )
     self_resonance: float | None = quantity(
         "Hz",
-        "frequency at which the capacitance of the winding resonates with the inductance; None: no capacitance",
+        "frequency at which the capacitance of the winding resonates with the inductance; default: no capacitance",
         default=None,
         above=0,
     )

@@ -132,12 +132,12 @@ class Circuit(LinearShunt):
 
 @dataclass(frozen=True, kw_only=True)
 class Network(Circuit):
-    """Circuit of a netlist.
+    """Any circuit of resistors, inductors and capacitors, as a netlist with the electrodes at nodes 1 and 0.
 
     Parameters
     ----------
     netlist : str or sequence of str, mapping or Element
-        In the forms of `piezoharvest.description.netlist.read_netlist`; stored as a tuple of `Element`.
+        One element a line, as in "R1 1 2 100k", the loads with "load=true"; or a table for each element.
 
     Raises
     ------
