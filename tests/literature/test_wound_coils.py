@@ -1,4 +1,4 @@
-"""Switched coils with the capacitance of their winding: closed forms, DOP853 with events, and ngspice."""
+"""Switched coils with the capacitance of their winding: closed forms, and DOP853 with events."""
 
 import dataclasses
 import math
@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from messages import is_sentence
-from oracles.ngspice import needs_ngspice
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from studies import BENCH
@@ -15,8 +14,7 @@ from studies import BENCH
 from piezoharvest import SineForce, System, Transducer, gradient, simulate
 from piezoharvest.bench.settings import check_shunt
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import DSSH, SSDI, SSDV, BiasFlip, ParallelSSHI, SeriesSSHI
-from piezoharvest.spice.simulators.comparison import compare
+from piezoharvest.description.shunts import SSDI, BiasFlip, ParallelSSHI, SeriesSSHI
 
 # So weakly coupled (k_e^2 = 1e-12) that no shunt can change the displacement; flips of a 1e-6th of the period, after
 # which the winding rings out within a 1e-4th.
@@ -227,25 +225,3 @@ def test_the_same_coil_beside_another_capacitance():
     assert moved.loop(60e-9) == pytest.approx(shunt.loop(40e-9), rel=1e-12)
     assert moved.on_time(60e-9) == pytest.approx(shunt.on_time(40e-9), rel=1e-12)
     assert moved.stray_capacitance(60e-9) == pytest.approx(shunt.stray_capacitance(40e-9), rel=1e-12)
-
-
-SIDE = {"smoothing_capacitance": 1e-7, "load_resistance": 5e5}
-REAL = {"inductance": 0.1, "quality": 5.0, "switch_resistance": 20.0, "self_resonance": 20e3}
-CIRCUITS = {
-    "ssdi": SSDI(**REAL),
-    "ssdv": SSDV(**REAL, source_voltage=1.0),
-    "parallel_sshi": ParallelSSHI(**REAL, **SIDE, phase_lag=0.3, core_resistance=1e4),
-    "series_sshi": SeriesSSHI(**REAL, **SIDE, diode_drop=0.1, on_time_error=0.3),
-    "bias_flip": BiasFlip(**REAL, **SIDE, steps=3, bias_capacitance=4e-7),
-    "dssh": DSSH(**REAL, intermediate_capacitance=120e-9, diode_drop=0.05),
-}
-
-
-@pytest.mark.slow
-@needs_ngspice
-@pytest.mark.parametrize("kind", CIRCUITS)
-def test_against_ngspice(kind):
-    figures, trusted = compare(System(Transducer(**BENCH), CIRCUITS[kind]), DRIVE)
-    assert trusted
-    for figure in figures:
-        assert abs(figure.difference) < 0.01, figure
