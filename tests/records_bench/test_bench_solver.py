@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from oracles.reference import simulate as reference
 from scipy.integrate import simpson, solve_ivp
 from selection import with_slow
-from studies import BENCH, DRIVE, SECOND, STOPS
+from studies import BENCH, DRIVE, SECOND, STOPS, solve
 
 import piezoharvest.bench
 from piezoharvest.bench.solver import SolverError
@@ -75,6 +75,23 @@ def test_switched_circuits_against_the_oracle(kind):
     """Late, early, closed for too long, with extrema left out; from rest, with hysteresis, samples within flips."""
     found, _ = check(DRIVE, SWITCHED[kind], {**BENCH, "hysteresis": STOPS}, 0.05, rate=10000.0)
     assert len(found.pulses) == 3 if kind == "ssds" else len(found.pulses) >= 4
+
+
+REAL = {"core_resistance": 1e4, "switch_resistance": 200.0, "self_resonance": 8e3}
+
+
+@pytest.mark.parametrize("keys", [("core_resistance",), tuple(REAL)], ids=["core", "core and winding"])
+@pytest.mark.parametrize("kind", ["parallel_sshi", "ssdv", "bias_flip"])
+def test_real_coils_of_further_circuits_as_in_the_engine(kind, keys):
+    """Two sets of equations and two ways to solve them; SSDI is held against DOP853 in literature/test_wound_coils."""
+    side = {} if kind == "ssdv" else SMOOTHED
+    more = {"ssdv": {"source_voltage": 1.0}, "bias_flip": {"steps": 3, "bias_capacitance": 4e-7}}.get(kind, {})
+    shunt = {"kind": kind, **LOOP, **side, **more, **{key: REAL[key] for key in keys}}
+    study = {"transducer": BENCH, "excitation": DRIVE, "shunts": [shunt]}
+    wanted = solve(study, transient=0.1, samples=512).waveforms
+    found = waves(DRIVE, shunt, BENCH, times=wanted.time)
+    for name in ("displacement", "voltage"):
+        assert error(getattr(found, name), getattr(wanted, name)) < 10 * PROMISED
 
 
 ACTIVE = {

@@ -35,6 +35,8 @@ class Circuit:
         Its timing, if it has one.
     smooth : bool
         It is nonlinear between events.
+    real_coil : bool
+        Its coil may have a core loss and a self-resonance.
     turning, voltage : (instants,) array
         What controllers watch: sum T_i u_i (A), and the electrode voltage (V).
     """
@@ -45,6 +47,7 @@ class Circuit:
     surge = 0.0
     switch: Switch | None = None
     smooth = False
+    real_coil = False
     turning: np.ndarray
     voltage: np.ndarray
 
