@@ -9,6 +9,7 @@ from records.instrument_files import FORCE, NAMES, lines, random_layout, rows
 from scipy.io import savemat
 
 from piezoharvest import Record, System, Transducer, simulate
+from piezoharvest.description.excitation import ramps_through
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import write_table
 
@@ -47,6 +48,13 @@ def test_a_column_of_a_complex_array(tmp_path):
     savemat(tmp_path / "force.mat", {"data": np.column_stack([FORCE, 1j * FORCE])})
     np.testing.assert_array_equal(record(tmp_path / "force.mat", "data[:, 0]").values, FORCE)
     assert "found complex numbers" in failure(tmp_path / "force.mat", "data[:, 1]").message
+
+
+def test_pieces_between_samples_are_those_through_them(tmp_path):
+    found = record(written(tmp_path, lines(rows())), 2)
+    wanted = ramps_through(np.arange(len(FORCE)) / 100.0, FORCE)
+    for one, other in zip(found.signal(), wanted, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_by_number(tmp_path):

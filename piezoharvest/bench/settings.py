@@ -223,10 +223,9 @@ def check_shunt(shunt: Shunt, where: str) -> None:
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
     parts = ("core_resistance", "self_resonance", "second_core_resistance", "second_self_resonance")
     real = any(getattr(shunt, key, None) is not None for key in parts)
-    if real or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
-        raise ParameterError(
-            where, "found a coil with losses or a self-resonance, but the virtual bench has only ideal ones"
-        )
+    if (real and not CIRCUITS[shunt.kind].real_coil) or (isinstance(shunt, WoundShunt) and not shunt.is_ideal):
+        message = "found a coil with losses or a self-resonance, but the virtual bench has only ideal ones in"
+        raise ParameterError(where, f"{message} {shunt.kind}")
 
 
 def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:

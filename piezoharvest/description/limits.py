@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.description.excitation import Excitation, Multisine, Tones
+from piezoharvest.description.excitation import Excitation, Multisine, Samples, Tones
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.network import Network
 from piezoharvest.description.transducer import Transducer
 
-# Of a signal, or of a measured record: with all derived arrays, some 16 numbers for each sample, 1.3 GB.
+# Of a random signal: with all derived arrays, some 16 numbers for each sample, 1.3 GB.
 MOST_SAMPLES = 10_000_000
+# Of a recorded one, a day at a kilohertz: some 7 numbers for each sample, 6 GB.
+MOST_RECORDED = 100_000_000
 # Each of these adds states. The engine's tables for one mode grow with their square, to 0.2 GB for 250 states, and the
 # time to compute them with their cube, to seconds.
 MOST_TONES = 100
@@ -55,7 +57,8 @@ def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | No
         found = len(excitation.frequencies)
         _check("excitation.frequencies", found, MOST_TONES, "tones", "use kind = 'record' with their sum")
     else:
-        _check("excitation", excitation.samples, MOST_SAMPLES, "samples", "a shorter duration or a lower rate or band")
+        most = MOST_RECORDED if isinstance(excitation, Samples) else MOST_SAMPLES
+        _check("excitation", excitation.samples, most, "samples", "a shorter duration or a lower rate or band")
     if isinstance(shunt, Network):
         _check("netlist", len(shunt.elements), MOST_ELEMENTS, "elements", "merge elements in series or parallel")
 

@@ -14,6 +14,9 @@ One row for each mode, columns by name, shapes normalised to unit modal mass:
 A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes. A table `shapes` then says where
 force and sensor are, as `force = "12+Z"` (node, sign, direction; R before the direction for a rotation), and has the
 other columns as lists with a value for each mode: `coupling_0 = [...]`, `base = [...]`.
+
+A state-space model of ANSYS (.spm, SPMWRITE with FileFormat = 1) has force and voltages as its inputs: in `shapes`,
+`force = 1` and `coupling_0 = 2` are numbers of columns of B, `sensor = 1` that of a row of C, counted from 1.
 """
 
 from __future__ import annotations
@@ -29,10 +32,6 @@ from piezoharvest.description.parameters import LARGEST, SMALLEST, ParameterErro
 KEY, PLACES = "modes_file", "shapes"
 GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes",
          "modal", "datasheet", "catalogue")  # by the file  # fmt: skip
-_NOT_READ = (
-    "found a file of SPMWRITE (.spm), whose format is not published; write its modes as a CSV file "
-    "(frequency and damping are in A, 'force' and 'coupling_0' are columns of the lower half of B, 'sensor' a row of C)"
-)
 _TWICE = f"found together with {KEY}, which gives it too: remove one of the two"
 
 
@@ -108,7 +107,10 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
             KEY, f"found {name!r}, which is {'a directory, not a file' if folder else 'no existing file'}"
         )
     if path.suffix.lower() == ".spm":
-        raise ParameterError(KEY, f"{name}: {_NOT_READ}")
+        columns = _of_state_space(path, name, electrodes, places)
+        for message, row in _faults(columns):
+            raise ParameterError(KEY, f"{name}, mode {row + 1}: {message}")
+        return {"sensor": columns["force"], **columns}
     if path.suffix.lower() in Uff.suffixes:
         columns = _at_places(path, name, electrodes, places)
         for message, row in _faults(columns):
@@ -124,18 +126,7 @@ def _at_places(path: Path, name: str, electrodes: int, places: Any) -> dict[str,
     from piezoharvest.readers import ReadError
     from piezoharvest.readers.uff import ModeShapes
 
-    lists = [f"coupling_{k}" for k in range(electrodes)]
-    needed, known = ["force", *lists], ["force", "sensor", *lists, "base"]
-    if not isinstance(places, Mapping):
-        found = "missing table" if places is None else f"found {places!r:.40}, must be a table"
-        raise ParameterError(
-            PLACES, f"{found}, {name} has shapes at nodes: it takes force = '12+Z' and coupling_0 = [...]"
-        )
-    for key in [*needed, *places]:
-        if key not in places:
-            raise ParameterError(f"{PLACES}.{key}", f"missing key, needed for the shapes in {name}")
-        if key not in known:
-            raise ParameterError(f"{PLACES}.{key}", f"found an unknown key, allowed are {', '.join(known)}")
+    places = _checked(places, name, electrodes, "shapes at nodes: it takes force = '12+Z' and coupling_0 = [...]")
     try:
         shapes = ModeShapes(path)
     except ReadError as error:
@@ -143,15 +134,62 @@ def _at_places(path: Path, name: str, electrodes: int, places: Any) -> dict[str,
     columns = {"frequency_Hz": shapes.frequency, "damping_ratio": shapes.damping_ratio}
     for key, value in places.items():
         try:
-            columns[key] = shapes.at(str(value)) if key in ("force", "sensor") else np.asarray(value, float)
+            at_node = key in ("force", "sensor")
+            columns[key] = shapes.at(str(value)) if at_node else _list(key, value, len(shapes.frequency), name)
         except ReadError as error:
             raise ParameterError(f"{PLACES}.{key}", error.message) from None
-        except (TypeError, ValueError):
-            raise ParameterError(f"{PLACES}.{key}", f"found {value!r:.40}, must be a list of numbers") from None
-        if columns[key].shape != shapes.frequency.shape:
-            found = f"found {value!r:.40}, must be a list of {len(shapes.frequency)} numbers, one for each mode"
-            raise ParameterError(f"{PLACES}.{key}", f"{found} in {name}")
     return columns
+
+
+def _list(key: str, value: Any, count: int, name: str) -> np.ndarray:
+    """A list with a number for each mode."""
+    try:
+        found = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{PLACES}.{key}", f"found {value!r:.40}, must be a list of numbers") from None
+    if found.shape != (count,):
+        message = f"found {value!r:.40}, must be a list of {count} numbers, one for each mode in {name}"
+        raise ParameterError(f"{PLACES}.{key}", message)
+    return found
+
+
+def _of_state_space(path: Path, name: str, electrodes: int, places: Any) -> dict[str, np.ndarray]:
+    """Columns from a state-space model, and from the table that says which of its inputs and outputs is what."""
+    from piezoharvest.readers import ReadError
+    from piezoharvest.readers.text_files.state_space import read_state_space
+
+    places = _checked(places, name, electrodes, "inputs and outputs by number: it takes force = 1 and coupling_0 = 2")
+    try:
+        modes = read_state_space(path)
+    except ReadError as error:
+        raise ParameterError(KEY, f"{name}: {error.message}") from None
+    columns = {"frequency_Hz": modes.frequency, "damping_ratio": modes.damping_ratio}
+    for key, value in places.items():
+        if key == "base":
+            columns[key] = _list(key, value, len(modes.frequency), name)
+            continue
+        known = modes.outputs if key == "sensor" else modes.inputs.T
+        if type(value) is not int or not 1 <= value <= len(known):
+            where = "rows of C" if key == "sensor" else "columns of B"
+            message = f"found {value!r:.40}, must be a number from 1 to {len(known)}, the {where} in {name}"
+            raise ParameterError(f"{PLACES}.{key}", message)
+        columns[key] = known[value - 1]
+    return columns
+
+
+def _checked(places: Any, name: str, electrodes: int, takes: str) -> Mapping[str, Any]:
+    """The table that says where force, sensor and electrodes are, with all its keys."""
+    lists = [f"coupling_{k}" for k in range(electrodes)]
+    needed, known = ["force", *lists], ["force", "sensor", *lists, "base"]
+    if not isinstance(places, Mapping):
+        found = "missing table" if places is None else f"found {places!r:.40}, must be a table"
+        raise ParameterError(PLACES, f"{found}, {name} has {takes}")
+    for key in [*needed, *places]:
+        if key not in places:
+            raise ParameterError(f"{PLACES}.{key}", f"missing key, needed for the shapes in {name}")
+        if key not in known:
+            raise ParameterError(f"{PLACES}.{key}", f"found an unknown key, allowed are {', '.join(known)}")
+    return places
 
 
 def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:

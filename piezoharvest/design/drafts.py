@@ -20,9 +20,11 @@ from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
+from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.places import lists_of, split, unit_at, value_at, with_values
+from piezoharvest.engine import simulate
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -140,6 +142,12 @@ class Drafting:
         """The transducer as kinds without a template see it: their electrodes are its own."""
         return self.transducer.swapped(self.beside["electrode"])
 
+    @cached_property
+    def open_voltage(self) -> float:
+        """Amplitude of the voltage of open electrodes in operation, V."""
+        excitation = self.operation.at(self.frequency) if self.operation.apart else self.operation.excitation
+        return simulate(System(self.seen, Open()), excitation, attenuation=False).voltage_amplitude
+
     def drafts(self) -> list[Draft]:
         """One draft for each kind, or for each template of it.
 
@@ -231,10 +239,10 @@ class Drafting:
         values, notes = self._typical(cls)
         for name in branches:  # the tuning begins elsewhere: only the number of branches counts
             values[name] = (values[name],) * (len(modes) - (name == "capacitances" and cls.kind == "parallel_branches"))
-        needed = [
-            f.name for f in dataclasses.fields(cls)
-            if f.init and f.default is MISSING and f.default_factory is MISSING and f.name not in values
-        ]  # fmt: skip
+        if wanted and _needed(cls, values):
+            own, note = cls.assumed_if_named(self.seen.capacitance, self.frequency, self.open_voltage)
+            values, notes = values | own, (*notes, *([note] if note else []))
+        needed = _needed(cls, values)
         if needed:
             if wanted or self._may_fit(cls):
                 self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
@@ -244,7 +252,7 @@ class Drafting:
         except ParameterError as error:  # parts that the study's tables give do not go together in this kind
             self.left_out.append(f"{cls.kind}: {error}")
             return []
-        smoothing = self._smoothing if isinstance(shunt, Bridge) and not shunt.tracks else None
+        smoothing = self._smoothing if isinstance(shunt, Bridge) and not shunt.whole_side else None
         return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
     @property
@@ -270,7 +278,7 @@ class Drafting:
                 return values, (note,)
             return values, ()
         values, notes = {}, []
-        if issubclass(cls, Bridge) and not cls.tracks:
+        if issubclass(cls, Bridge) and not cls.whole_side:
             load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
@@ -376,6 +384,12 @@ def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
         return True
     switch = shunt.switch(capacitance, period)
     return switch is not None and switch.efficiency > 0
+
+
+def _needed(cls: type[Shunt], values: Mapping[str, Any]) -> list[str]:
+    """Fields of a kind that have neither a value nor a default."""
+    needed = (f for f in dataclasses.fields(cls) if f.init and f.default is MISSING and f.default_factory is MISSING)
+    return [f.name for f in needed if f.name not in values]
 
 
 def _parts(cls: type[Shunt]) -> dict[str, str]:

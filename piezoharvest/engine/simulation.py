@@ -251,8 +251,8 @@ def _transient(lowered: Lowered, system: System, excitation: Excitation, t_end: 
     else:
         times = np.linspace(0.0, t_end, 8 * samples + 1)
         if isinstance(lowered.signal, Ramps):
-            inside = lowered.signal.times[lowered.signal.times <= t_end]
-            inside = inside[:: 1 + len(inside) // MAX_SAMPLES]
+            count = int(np.searchsorted(lowered.signal.times, t_end, side="right"))
+            inside = lowered.signal.times[: count : 1 + count // MAX_SAMPLES].copy()
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
     state = machine.state(track=True, log=MAX_LOG, sample_time=times)

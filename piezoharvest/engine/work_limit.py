@@ -17,6 +17,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.tables import NEXT_CHECK, WORK_LEFT
 
 MAX_WORK = 8_000_000_000  # of a simulation: some 5 to 10 s, while an ordinary one takes a hundredth of a second
+SAMPLE_WORK = 5_000  # more for each sample of a signal, whose number is known: a bridge with a coil takes 2,000
 # Work between two checks for an interrupt.
 WORK_BETWEEN_CHECKS = 100_000_000
 # Work of a step beside its products (guards, location and action of an event); overhead of a product of a matrix and

@@ -93,3 +93,17 @@ def test_unknown_held_key(run, host, tmp_path):
     )
     with pytest.raises((StudyError, ParameterError), match=r"hold\.0: found 'load_resistence' \(did you mean 'load_r"):
         design(load_study(path))
+
+
+def test_what_is_assumed_only_of_kinds_that_are_named(host, run):
+    """A cell's voltage, an amplifier and a law of adaptation: started from values that the operation gives."""
+    named = ("battery", "adaptive_rl", "op_amp_negative_capacitance")
+    result = run(host(0.025, 50), 50.6, candidates=named)
+    found = {candidate.shunt.kind: candidate for candidate in result.candidates}
+    assert set(found) == set(named)
+    assert all(candidate.converged for candidate in found.values())
+    assert found["battery"].shunt.dc_voltage == 3.7
+    assert found["adaptive_rl"].gap_to_bound < 2e-3  # the coil finds its resonance, the resistance is tuned
+    better = found["op_amp_negative_capacitance"].harvested_power
+    assert better > run(host(0.025, 50), 50.6, candidates=("resistor",)).best.harvested_power
+    assert "battery: assumed a lithium-ion cell of 3.7 V" in result.notes

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, objects, solve
 
+from piezoharvest.description.excitation import Record
+from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine import simulate
 from piezoharvest.engine.lowering.lower import lower
@@ -17,7 +19,7 @@ from piezoharvest.engine.memory.tables import MAX_NUMBERS
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError, check
-from piezoharvest.engine.work_limit import Budget
+from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
 
 RECTIFIER = {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6}
 STIFFENING = {"effects": {"stiffening": {"cubic_stiffness": 1e5}}}
@@ -44,6 +46,27 @@ def test_samples_of_a_record_count_as_work():
     machine = Machine(lowered)
     with pytest.raises(EngineError, match="units of work"):
         check(machine.run(machine.state(), excitation.length))
+
+
+def test_a_signal_of_many_samples_may_take_more_work():
+    """A record of a day is long, but ends; tones that never end get no more than before."""
+    for table, samples in ((RANDOM, 640_000), (DRIVE, 0)):
+        system, excitation = objects(bench({"kind": "resistor", "resistance": 1e5}, table))
+        assert lower(system, excitation, 1.0).budget.left - Budget().left == SAMPLE_WORK * samples
+
+
+def test_a_recorded_day_is_not_too_long(monkeypatch):
+    values = np.zeros(2)
+    monkeypatch.setattr(Record, "_read", lambda self: values)
+    transducer = objects(bench({"kind": "open"}))[0].transducer
+    record = Record(file="day.npz", column="force", sample_rate=500.0)
+    for hours, allowed in ((24, True), (60, False)):
+        object.__setattr__(record, "values", np.broadcast_to(0.0, hours * 3600 * 500))
+        if allowed:
+            check_size(transducer, record)
+        else:
+            with pytest.raises(ParameterError, match=r"1\.08e\+08 samples, allowed are up to 100000000"):
+                check_size(transducer, record)
 
 
 def test_ordinary_simulation_takes_a_small_part_of_the_budget():

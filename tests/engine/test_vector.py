@@ -9,7 +9,7 @@ from piezoharvest.engine.compilation.compiled import entry
 from piezoharvest.engine.memory import vector as vc
 from piezoharvest.engine.memory.algebra import radius, solve_conserving
 
-MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE, ADD, COMBINE, SIZE = range(10)
+MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE, ADD, COMBINE, SIZE, MULTIPLY_ALL, GROW_ALL, ADD_ALL = range(13)
 EDGE = 7.25  # what stands around a result and must stay
 
 
@@ -31,6 +31,12 @@ def operate(task, matrix, at, rows, columns, factor, order, vectors, x, y):
         vc.add_product(m, at, rows, order, columns, v, x, y)
     elif task == COMBINE:
         vc.combine(v, x, rows, (1.0, factor, factor * factor, -2.0), y)
+    elif task == MULTIPLY_ALL:
+        vc.multiply_all(m, at, rows, order, columns, v, x, 2 * vc.GROUP, y)
+    elif task == GROW_ALL:
+        vc.grow_all(m, at, rows, columns, v, x, 2 * vc.GROUP, y)
+    elif task == ADD_ALL:
+        vc.add_all(m, at, rows, order, columns, v, x, 2 * vc.GROUP, y)
     elif task == SIZE:
         return vc.total_size(v, x, rows)
     elif task == INSIDE:
@@ -147,6 +153,23 @@ def test_add_product(seed, rows, columns, gap, share):
     memory.check({memory.y: wanted})
 
 
+@settings(max_examples=100, deadline=None)
+@given(task=st.sampled_from([MULTIPLY_ALL, GROW_ALL, ADD_ALL]), side=st.integers(1, 40), seed=sizes["seed"])
+def test_products_with_vectors_one_after_the_other(task, side, seed):
+    memory, count = Memory(seed, side, side, 3), 2 * vc.GROUP
+    x, y = np.random.default_rng(seed).normal(size=(2, count, memory.rows))
+    memory.vectors = np.concatenate([memory.vectors, x.ravel(), y.ravel(), [EDGE]])
+    memory.y = len(memory.vectors) - 1 - y.size
+    memory.x, before = memory.y - x.size, memory.vectors.copy()
+    memory.run(task, order=memory.rows)
+    wanted = {MULTIPLY_ALL: 0.0, GROW_ALL: x, ADD_ALL: y}[task] + x @ memory.a.T
+    size = np.abs(x) @ np.abs(memory.a.T) + np.abs(x) + np.abs(y)
+    found = memory.vectors[memory.y : memory.y + y.size].reshape(y.shape)
+    assert np.all(np.abs(found - wanted) <= 1e-14 * size)
+    memory.vectors[memory.y : memory.y + y.size] = y.ravel()
+    assert np.array_equal(memory.vectors, before)
+
+
 @settings(max_examples=50, deadline=None)
 @given(**sizes)
 def test_total_size(seed, rows, columns, gap):
@@ -237,7 +260,7 @@ def test_solve_conserving(seed, n, free):
 def test_radius(seed, n, exponent):
     rng = np.random.default_rng(seed)
     matrix = rng.normal(size=(n, n)) * 10.0**exponent
-    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * n * n)])
+    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * (n + 3) ** 2)])
     wanted = np.abs(np.linalg.eigvals(matrix)).max()
     assert spectral_radius(numbers, 0, n, n * n) == pytest.approx(wanted, rel=2e-6)
     assert np.array_equal(numbers[: n * n], matrix.ravel())
@@ -257,12 +280,12 @@ def test_radius(seed, n, exponent):
 )
 def test_radius_of_special_matrices(matrix, wanted):
     n = len(matrix)
-    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * n * n)])
+    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * (n + 3) ** 2)])
     assert spectral_radius(numbers, 0, n, n * n) == pytest.approx(wanted, abs=2e-6)
 
 
 def test_radius_without_bound():
-    numbers = np.concatenate([[np.inf], np.zeros(2)])
+    numbers = np.concatenate([[np.inf], np.zeros(32)])
     assert spectral_radius(numbers, 0, 1, 1) == np.inf
 
 

@@ -1,11 +1,10 @@
-"""Windings of coils that extract charge, and of those behind electronic breakers: closed forms, DOP853, ngspice."""
+"""Windings of coils that extract charge, and of those behind electronic breakers: closed forms, DOP853."""
 
 import math
 
 import numpy as np
 import pytest
 from messages import is_sentence
-from oracles.ngspice import needs_ngspice
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -25,7 +24,6 @@ from piezoharvest.description.shunts import (
     SelfPoweredSSHI,
 )
 from piezoharvest.design.goal import largest_inductance
-from piezoharvest.spice.simulators.comparison import compare
 
 # So weakly coupled (k_e^2 = 1e-8) that no shunt can change the displacement; flips of a 1e-6th of the period, after
 # which a winding rings out within a 1e-4th.
@@ -305,32 +303,3 @@ def test_a_second_winding_needs_a_second_switch():
 @pytest.mark.parametrize("shunt", [SECE(**LOOP), SICE(**LOOP), SSDS(**LOOP), SECE(inductance=0.1, quality=5.0)])
 def test_a_limit_of_inductance_knows_every_coil(shunt):
     assert largest_inductance(shunt, BENCH["capacitance"]) == 0.1
-
-
-REAL = {"inductance": 0.1, "quality": 5.0, "switch_resistance": 20.0, "self_resonance": 20e3}
-FIRES = {"envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
-CIRCUITS = {
-    "ssds": SSDS(**REAL),
-    "sece": SECE(**REAL, efficiency=0.9, diode_drop=0.05, diode_resistance=50.0),
-    "sece core": SECE(**REAL, core_resistance=1e4),
-    "sc_sece": SCSECE(**REAL, short_time=2e-3),
-    "sice": SICE(**REAL),
-    "self_powered_ssdi": SelfPoweredSSDI(**REAL, **FIRES),
-    "self_powered_sshi": SelfPoweredSSHI(**REAL, **FIRES, dc_voltage=5.0),
-    "self_powered_series_sshi": SelfPoweredSeriesSSHI(**REAL, **FIRES, dc_voltage=3.0),
-    "self_powered_sece": SelfPoweredSECE(**REAL, **FIRES),
-    "essh": ESSH(
-        **REAL, intermediate_capacitance=120e-9, second_inductance=0.02, second_quality=20.0, residual=0.5,
-        second_switch_resistance=10.0, second_self_resonance=30e3,
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.slow
-@needs_ngspice
-@pytest.mark.parametrize("kind", CIRCUITS)
-def test_against_ngspice(kind):
-    figures, trusted = compare(System(Transducer(**BENCH), CIRCUITS[kind]), DRIVE)
-    assert trusted
-    for figure in figures:
-        assert abs(figure.difference) < 0.01, figure

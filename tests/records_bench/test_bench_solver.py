@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from oracles.reference import simulate as reference
 from scipy.integrate import simpson, solve_ivp
 from selection import with_slow
-from studies import BENCH, DRIVE, SECOND, STOPS
+from studies import BENCH, DRIVE, SECOND, STOPS, solve
 
 import piezoharvest.bench
 from piezoharvest.bench.solver import SolverError
@@ -75,6 +75,80 @@ def test_switched_circuits_against_the_oracle(kind):
     """Late, early, closed for too long, with extrema left out; from rest, with hysteresis, samples within flips."""
     found, _ = check(DRIVE, SWITCHED[kind], {**BENCH, "hysteresis": STOPS}, 0.05, rate=10000.0)
     assert len(found.pulses) == 3 if kind == "ssds" else len(found.pulses) >= 4
+
+
+REAL = {"core_resistance": 1e4, "switch_resistance": 200.0, "self_resonance": 8e3}
+
+
+@pytest.mark.parametrize("keys", [("core_resistance",), tuple(REAL)], ids=["core", "core and winding"])
+@pytest.mark.parametrize("kind", ["parallel_sshi", "ssdv", "bias_flip"])
+def test_real_coils_of_further_circuits_as_in_the_engine(kind, keys):
+    """Two sets of equations and two ways to solve them; SSDI is held against DOP853 in literature/test_wound_coils."""
+    side = {} if kind == "ssdv" else SMOOTHED
+    more = {"ssdv": {"source_voltage": 1.0}, "bias_flip": {"steps": 3, "bias_capacitance": 4e-7}}.get(kind, {})
+    shunt = {"kind": kind, **LOOP, **side, **more, **{key: REAL[key] for key in keys}}
+    study = {"transducer": BENCH, "excitation": DRIVE, "shunts": [shunt]}
+    wanted = solve(study, transient=0.1, samples=512).waveforms
+    found = waves(DRIVE, shunt, BENCH, times=wanted.time)
+    for name in ("displacement", "voltage"):
+        assert error(getattr(found, name), getattr(wanted, name)) < 10 * PROMISED
+
+
+ACTIVE = {
+    "beside": {"kind": "negative_capacitance", "capacitance": 20e-9, "resistance": 2e5},
+    "in series": {"kind": "negative_capacitance", "capacitance": 90e-9, "resistance": 3e4, "topology": "series"},
+    "amplifier": {
+        "kind": "op_amp_negative_capacitance", "capacitance": 20e-9, "resistance": 2e5, "gain_bandwidth": 1e4,
+        "saturation": 6.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ACTIVE)
+def test_active_capacitances_against_their_equations(kind):
+    """From rest; the amplifier saturates in every half period, and is released where its inputs change sign."""
+    shunt = ACTIVE[kind]
+    found = waves(DRIVE, shunt, BENCH, length=0.2, rate=5000.0)
+    m, b, k, theta, c = (BENCH[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
+    part, load, limit = shunt["capacitance"], shunt["resistance"], shunt.get("saturation", np.inf)
+
+    def rates(t, y, held=0):
+        x, u, v, w = y
+        push = DRIVE["amplitude"] * np.sin(2 * np.pi * DRIVE["frequency"] * t)
+        moves = 0.0
+        if kind == "beside":
+            rise = (-theta * u - v / load) / (c - part)
+        elif kind == "in series":
+            current = (v - w) / load
+            rise, moves = (-theta * u - current) / c, -current / part
+        else:
+            moves = 0.0 if held else 2 * np.pi * shunt["gain_bandwidth"] * (v - 0.5 * w)
+            rise = (-theta * u - v / load + part * moves) / (c + part)
+        return [u, (push + theta * v - b * u - k * x) / m, rise, moves]
+
+    times, y, held, rows = found.time, np.zeros(4), 0, []
+    begin = 0.0
+    while begin < times[-1]:
+
+        def ends(t, y, held):
+            return held * (y[2] - 0.5 * y[3]) if held else limit - abs(y[3]) if limit < np.inf else 1.0
+
+        ends.terminal, ends.direction = True, -1
+        inside = times[(times > begin) & (times <= times[-1])]
+        run = solve_ivp(
+            rates, (begin, times[-1]), y, "DOP853", t_eval=inside, args=(held,), events=ends, rtol=1e-11, atol=1e-14
+        )  # fmt: skip
+        rows += [np.column_stack([run.t, run.y.T])]
+        if run.status == 0:
+            break
+        begin, y = run.t_events[0][0], run.y_events[0][0]
+        held = 0 if held else int(np.sign(y[3]))
+    wanted = np.vstack(rows)
+    assert np.array_equal(wanted[:, 0], times[1:])
+    assert error(found.displacement[1:], wanted[:, 1]) < PROMISED
+    assert error(found.voltage[1:], wanted[:, 3]) < PROMISED
+    if kind == "amplifier":
+        assert len(rows) > 20
 
 
 def test_a_gate_misses_no_pulse_that_is_shorter_than_a_sample():

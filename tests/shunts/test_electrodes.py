@@ -1,11 +1,14 @@
 """Further electrodes: several shunts at once against matrices by hand, and swapped electrodes against plain ones."""
 
 import dataclasses
+import io
 
 import numpy as np
 import pytest
 from messages import is_sentence
 from oracles.ngspice import needs_ngspice, run_netlist
+from scipy.io import mmwrite
+from scipy.sparse import coo_array
 
 from piezoharvest import simulate
 from piezoharvest.description.excitation import SineForce
@@ -309,6 +312,76 @@ def test_a_host_by_its_shapes_in_a_universal_file(tmp_path, units):
         np.testing.assert_allclose(pair[0].voltage, pair[1].voltage, rtol=1e-4)
 
 
+def state_space(frequency, ratio, inputs, outputs):
+    """Matrices A, B and C of modes: inputs (n, 3), outputs (1, n); with velocities of the outputs, too."""
+    omega, n = 2 * np.pi * frequency, len(frequency)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(2 * ratio * omega)]])
+    nothing = np.zeros_like(outputs)
+    return a, np.vstack([np.zeros_like(inputs), inputs]), np.block([[outputs, nothing], [nothing, outputs]])
+
+
+def matrix_market(matrices, sparse=True):
+    """A text with all of them, names and labels between."""
+    text = "State-space model of modes\n"
+    for name, matrix in zip("ABC", matrices, strict=False):
+        written = io.BytesIO()
+        mmwrite(written, coo_array(matrix) if sparse else matrix, precision=13, symmetry="general")
+        text += f"Matrix {name}\n{written.getvalue().decode()}\n"
+    return text + "Labels: force, patch 0, patch 1\n"
+
+
+@pytest.mark.parametrize("sparse", [True, False])
+def test_a_host_by_its_state_space_model(tmp_path, sparse):
+    """The same as by its columns."""
+    table = np.array([[float(word) for word in line.split(",")] for line in MODES.splitlines()[1:]])
+    frequency, ratio, force, sensor, *coupling, base = table.T
+    model = state_space(frequency, ratio, np.column_stack([force, *coupling]), sensor[None])
+    (tmp_path / "host.spm").write_text(matrix_market(model, sparse))
+    places = f"[transducer.shapes]\nforce = 1\nsensor = 1\nbase = {list(map(float, base))}\n"
+    places += "".join(f"coupling_{k} = {k + 2}\n" for k, _ in enumerate(coupling))
+    study = STUDY.replace("modes.csv", "host.spm").replace("[excitation]", places + "[excitation]")
+    found, wanted = studied(tmp_path, study=study).systems[0], studied(tmp_path).systems[0]
+    for by_base in (False, True):
+        pair = [frequency_response(system, np.array([40.0, 51.0, 300.0]), base=by_base) for system in (found, wanted)]
+        np.testing.assert_allclose(pair[0].displacement, pair[1].displacement, rtol=1e-9)
+        np.testing.assert_allclose(pair[0].voltage, pair[1].voltage, rtol=1e-9)
+
+
+def _changed(which, place, value):
+    model = state_space(np.array([50.0, 90.0]), np.array([0.01, 0.01]), np.ones((2, 3)), np.ones((1, 2)))
+    model[which][place] = value
+    return matrix_market(model)
+
+
+UNIT = matrix_market([np.eye(4)] * 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("simplorer { A = [1, 2] }", "host.spm: found 0 matrices in Matrix Market format"),
+        (matrix_market([np.eye(4), np.ones((3, 1)), np.ones((1, 4))]), "host.spm: found matrices of 4 x 4, 3 x 1"),
+        (_changed(0, (2, 1), 5e4), "host.spm: found a matrix A that is not that of modes"),
+        (_changed(0, (2, 0), 1.0), "host.spm: found a matrix A that is not that of modes"),
+        (_changed(0, (0, 2), 1.01), "host.spm: found rates of modal coordinates that are not the states"),
+        (_changed(1, (0, 1), 0.5), "host.spm: found rates of modal coordinates that are not the states"),
+        (_changed(1, (2, 1), np.nan), "host.spm: found entries in matrix 2 that are no finite real numbers"),
+        (UNIT.replace("4 4 4", "4 4 9", 1), "host.spm: found no Matrix Market matrix behind banner 1"),
+        (UNIT.replace("4 4 4", "four", 1), "host.spm: found no Matrix Market matrix behind banner 1, must be its size"),
+        (UNIT.replace("4 4 4", "90000 90000 4", 1), "host.spm: found 90000 x 90000 entries"),
+    ],
+    ids=["SML", "shapes", "coupled", "unstable", "rate", "input", "NaN", "cut off", "size", "huge"],
+)  # fmt: skip
+def test_what_is_no_model_of_modes_is_told(tmp_path, text, message):
+    (tmp_path / "host.spm").write_text(text)
+    places = "[transducer.shapes]\nforce = 1\ncoupling_0 = 2\ncoupling_1 = 3\n[excitation]"
+    with pytest.raises(StudyError) as caught:
+        studied(tmp_path, study=STUDY.replace("modes.csv", "host.spm").replace("[excitation]", places))
+    assert caught.value.key == "transducer.modes_file"
+    assert caught.value.message.startswith(message)
+    assert is_sentence(caught.value.message)
+
+
 COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
 
 
@@ -323,7 +396,9 @@ COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
             "found [1, 2], must be a list of 1 numbers",
         ),
         ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
-        ("host.spm", "", "transducer.modes_file", "host.spm: found a file of SPMWRITE"),
+        ("host.spm", "", "transducer.shapes", "missing table, host.spm has inputs and outputs by number"),
+        ("host.spm", "force = 1\ncoupling_0 = 2\ncoupling_1 = 9", "transducer.shapes.coupling_1", "found 9, must be"),
+        ("host.spm", "force = true\ncoupling_0 = 2\ncoupling_1 = 3", "transducer.shapes.force", "found True, must be"),
         ("modes.csv", "force = '11+Z'", "transducer.shapes", "found together with modes.csv"),
     ],
 )  # fmt: skip
@@ -331,7 +406,8 @@ def test_what_is_wrong_with_shapes_is_told(tmp_path, name, places, key, message)
     pytest.importorskip("pyuff")
     for file, mass in (("host.unv", 1.0), ("light.unv", 0.0)):
         (tmp_path / file).write_text(universal([50.0], [0.01], [mass], np.ones((1, 2, 6))))
-    (tmp_path / "host.spm").write_text("A")
+    model = state_space(np.array([50.0]), np.array([0.01]), np.ones((1, 3)), np.ones((1, 1)))
+    (tmp_path / "host.spm").write_text(matrix_market(model))
     given = f"[transducer.shapes]\n{places}\n[excitation]" if places else "[excitation]"
     with pytest.raises(StudyError) as caught:
         studied(tmp_path, study=STUDY.replace("modes.csv", name).replace("[excitation]", given))

@@ -35,6 +35,8 @@ class Circuit:
         Its timing, if it has one.
     smooth : bool
         It is nonlinear between events.
+    real_coil : bool
+        Its coil may have a core loss and a self-resonance.
     turning, voltage : (instants,) array
         What controllers watch: sum T_i u_i (A), and the electrode voltage (V).
     """
@@ -45,6 +47,7 @@ class Circuit:
     surge = 0.0
     switch: Switch | None = None
     smooth = False
+    real_coil = False
     turning: np.ndarray
     voltage: np.ndarray
 
@@ -162,6 +165,53 @@ class ParallelRLC(ParallelRL):
     def flow(self, z, v, free, elastance):
         others, rates = super().flow(z, v, free, elastance)
         return (others + self.capacitance * free) / (1.0 + self.capacitance * elastance), rates
+
+
+class NegativeCapacitance(Circuit):
+    """Negative capacitance beside the resistance, or in series with it: the state is then its voltage."""
+
+    capacitance: float
+    resistance: float
+    topology: str
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = (self.capacitance,) if self.topology == "series" else ()
+
+    def flow(self, z, v, free, elastance):
+        if self.topology == "series":
+            current = (v - z[0]) / self.resistance
+            return current, (-current / self.capacitance,)
+        return (v / self.resistance - self.capacitance * free) / (1.0 - self.capacitance * elastance), ()
+
+
+class OpAmpNegativeCapacitance(Circuit):
+    """Capacitance between the electrodes and the output of an amplifier with a gain of 2, which is the state.
+
+    Its branch is 0, or the sign of the voltage at which the output has saturated.
+    """
+
+    capacitance: float
+    resistance: float
+    gain_bandwidth: float
+    saturation: float
+    guard_count = 2
+
+    def meet(self, capacitance):
+        self.storage = (self.capacitance,)
+
+    def flow(self, z, v, free, elastance):
+        moves = 0.0 * v if self.branch else 2.0 * np.pi * self.gain_bandwidth * (v - 0.5 * z[0])
+        current = v / self.resistance + self.capacitance * (free - moves)
+        return current / (1.0 + self.capacitance * elastance), (moves,)
+
+    def guards(self, z, v, i):
+        if self.branch:
+            return [-self.branch * (v - 0.5 * z[0]), 0.0 * v - 1.0]
+        return [z[0] - self.saturation, -z[0] - self.saturation]
+
+    def fire(self, guard):
+        self.branch = 0 if self.branch else 1 - 2 * guard
 
 
 class CurrentFlowing(Circuit):
@@ -403,6 +453,8 @@ UNSWITCHED: dict[str, type[Circuit]] = {
     "parallel_rl": ParallelRL,
     "series_rlc": SeriesRLC,
     "parallel_rlc": ParallelRLC,
+    "negative_capacitance": NegativeCapacitance,
+    "op_amp_negative_capacitance": OpAmpNegativeCapacitance,
     "current_flowing": CurrentFlowing,
     "parallel_branches": CurrentFlowing,
     "current_blocking": CurrentBlocking,

@@ -20,6 +20,8 @@ def emptying(inductance: float, resistance: float, capacitance: float) -> float:
 class Extracting(Staged, SSDI):
     """Charge goes through a bridge into a coil while the switch is closed; the state is the coil's current."""
 
+    real_coil = False
+
     diode_drop: float
     diode_resistance: float
 
@@ -61,6 +63,8 @@ class Extracting(Staged, SSDI):
 
 class SSDS(SSDI):
     """Short of the electrodes until its own swing would have emptied them; at once without an inductance."""
+
+    real_coil = False
 
     quality: float | None
 
@@ -145,6 +149,8 @@ class SCSECE(Extracting):
 class DSSH(Staged, SSDI):
     """A bridge in line with the coil charges a capacitor, which is emptied when the switch opens; its state is last."""
 
+    real_coil = False
+
     intermediate_capacitance: float
     diode_drop: float
     diode_resistance: float
@@ -159,7 +165,7 @@ class DSSH(Staged, SSDI):
 
     def flow(self, z, v, free, elastance):
         opposed = v - self.sign * (z[1] + 2.0 * self.diode_drop) - 2.0 * self.diode_resistance * z[0]
-        rate = self.loop_rate(z[0], opposed) if self.sign else 0.0 * v
+        (rate,) = self.loop_rates(z, opposed)[:1] if self.sign else (0.0 * v,)
         return z[0], (rate, self.sign * z[0] / self.intermediate_capacitance)
 
     def guards(self, z, v, i):

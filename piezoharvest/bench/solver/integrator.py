@@ -121,9 +121,10 @@ class Integrator:
         """Length of the next step: a binary fraction of the interval, or of its rest after an event.
 
         With a switch or a clock, whose events are many, all that fits is a fraction of the interval, whose matrices are
-        kept, and the rest is one step.
+        kept, and the rest is one step; under a clock that is kept, too.
         """
         if self.model.circuit.timed and not self.even and left <= self.h:
+            self.kept = self.model.circuit.switch is None  # a clock leaves the same again and again
             return left
         binary = self.even or self.model.circuit.timed
         whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if binary else left

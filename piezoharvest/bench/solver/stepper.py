@@ -36,6 +36,7 @@ class Stepper:
         self.model, self.sizes, self.unit = model, sizes, unit
         self.scale, self.n = model.scale, len(sizes)
         self.tables: dict[tuple, Step] = {}
+        self.lines: dict[tuple, Line] = {}
         self.stale = False
         # For nonlinear equations: excess and length of the last accepted and of the last tried step.
         self.behind = self.tried = None
@@ -47,7 +48,12 @@ class Stepper:
         sides = (branch if isinstance(branch, int) else branch[0] for branch in self.model.branches)
         self.key = (*sides, switch.side if switch else 0)
         self.slack = np.zeros(0)
+        if self.key in self.lines:
+            self._adopt(self.lines[self.key], t)
+            return
         self.linearise(t, drive, y)
+        if not self.model.smooth and not self.model.all_stops:  # stops turn at other places each time
+            self.lines[self.key] = self.line
 
     def allow(self, slack: np.ndarray) -> None:
         """Count guards as crossed only above these values."""
@@ -65,13 +71,15 @@ class Stepper:
         values = self.model.values(np.full(n + 2, t), drives, columns)
         slopes = values[:, : n + 1] - values[:, n + 1 :]
         J, b = slopes[:, :n] / steps, slopes[:, n]
-        self.line = Line(J, b, values[:, n + 1] - J @ origin - b * level)
-        self.known = np.concatenate([np.zeros(n + 4), self.line.c])
-        self.linearised_at, self.stale, self.behind = t, False, None
+        self._adopt(Line(J, b, values[:, n + 1] - J @ origin - b * level), t)
         if smooth:
             self.tables.clear()
         if len(self.slack):
             self.allow(self.slack)
+
+    def _adopt(self, line: Line, t: float) -> None:
+        self.line, self.known = line, np.concatenate([np.zeros(self.n + 4), line.c])
+        self.linearised_at, self.stale, self.behind = t, False, None
 
     def guards(self, t: float, drive: float, y: np.ndarray) -> np.ndarray:
         """Guards at one instant, less the slack."""

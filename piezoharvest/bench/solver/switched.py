@@ -65,9 +65,11 @@ class Switched:
 
 
 class SSDI(Switched, Circuit):
-    """Inductance and resistance of the switched loop across the electrodes; the state is its current.
+    """Inductance and resistance of the switched loop across the electrodes; the state is the inductance's current.
 
-    The loop rings with the clamped capacitance C: Q = sqrt(L/C)/R, w_d^2 = 1/(L C) - (R/2L)^2, closed for pi/w_d.
+    The loop rings with the clamped capacitance C: Q = sqrt(L/C)/R, w_d^2 = 1/(L C) - (R/2L)^2, closed for pi/w_d. The
+    core is a resistance beside the inductance. With a self-resonance, a second state is the voltage of the winding's
+    capacitance, which the switch charges through its own resistance; both ring on while the switch is open.
     """
 
     quality: float
@@ -75,7 +77,10 @@ class SSDI(Switched, Circuit):
     flip_time: float | None
     on_time_error: float
     switch_resistance: float | None = None
+    core_resistance: float | None = None
+    self_resonance: float | None = None
     source_voltage = 0.0
+    real_coil = True
 
     def meet(self, capacitance):
         damped = math.sqrt(1.0 - 0.25 / self.quality**2)  # w_d over 1/sqrt(L C)
@@ -83,11 +88,15 @@ class SSDI(Switched, Circuit):
             assert self.flip_time is not None  # one of the two is given
             self.inductance = (self.flip_time * damped / math.pi) ** 2 / capacitance
         impedance = math.sqrt(self.inductance / capacitance)
-        self.resistance = impedance / self.quality + (self.switch_resistance or 0.0)
+        self.wound = impedance / self.quality  # ohm, of the winding alone
+        self.resistance = self.wound + (self.switch_resistance or 0.0)
         damped = math.sqrt(1.0 - 0.25 * (self.resistance / impedance) ** 2)
         self.on_time = math.pi * math.sqrt(self.inductance * capacitance) / damped * (1.0 + self.on_time_error)
         self.surge = math.sqrt(capacitance / self.inductance)
-        self.storage = (self.inductance, *self.storage)
+        self.stray = None
+        if self.self_resonance is not None:
+            self.stray = 1.0 / ((2.0 * math.pi * self.self_resonance) ** 2 * self.inductance)
+        self.storage = (self.inductance, *(() if self.stray is None else (self.stray,)), *self.storage)
 
     @property
     def branch(self) -> int:
@@ -98,15 +107,38 @@ class SSDI(Switched, Circuit):
     def branch(self, value: int) -> None:
         self.closed = value
 
-    def loop_rate(self, current, across):
-        """Rate of the loop's current with a voltage across it."""
-        return (across - self.resistance * current) / self.inductance if self.closed else 0.0 * current
+    @property
+    def coil_states(self) -> int:
+        """Number of its states."""
+        return 1 if self.stray is None else 2
+
+    def loop_current(self, z, across):
+        """Current into the closed loop with a voltage across it."""
+        if not self.closed:
+            return 0.0 * across
+        if self.stray is not None:
+            return (across - z[1]) / self.switch_resistance
+        if self.core_resistance is not None:
+            return (across + self.core_resistance * z[0]) / (self.resistance + self.core_resistance)
+        return z[0] + 0.0 * across
+
+    def loop_rates(self, z, across):
+        """Rates of the coil's states with a voltage across the loop."""
+        into, core = self.loop_current(z, across), self.core_resistance
+        if self.stray is not None:
+            wound = z[0] if core is None else (z[1] + core * z[0]) / (self.wound + core)
+            return (z[1] - self.wound * wound) / self.inductance, (into - wound) / self.stray
+        if core is not None:
+            return (core * (into - z[0]) / self.inductance,)
+        return ((across - self.resistance * z[0]) / self.inductance if self.closed else 0.0 * z[0],)
 
     def flow(self, z, v, free, elastance):
-        return z[0], (self.loop_rate(z[0], v - self.closed * self.source_voltage),)
+        across = v - self.closed * self.source_voltage
+        return self.loop_current(z, across), self.loop_rates(z, across)
 
     def opened(self, z):
-        z[0] = 0.0
+        if self.stray is None:  # what is left in the inductance is cut, or goes to the core
+            z[0] = 0.0
 
 
 class SSDV(SSDI):
@@ -207,14 +239,14 @@ class ParallelSSHI(SSDI, Rectifier):
         return self.sign
 
     def flow(self, z, v, free, elastance):
-        i, rates = self.bridge_flow(z, v, free, elastance, beside=z[0])
-        return i, (self.loop_rate(z[0], v), *rates)
+        i, rates = self.bridge_flow(z, v, free, elastance, beside=self.loop_current(z, v))
+        return i, (*self.loop_rates(z, v), *rates)
 
     def guards(self, z, v, i):
-        return super(SSDI, self).guards(z, v, i - z[0])
+        return super(SSDI, self).guards(z, v, i - self.loop_current(z, v))
 
     def dc_current(self, z, v, i):
-        return super().dc_current(z, v, i - z[0])
+        return super().dc_current(z, v, i - self.loop_current(z, v))
 
     def fire(self, guard):
         self.sign = 0 if self.sign else 1 - 2 * guard
@@ -223,10 +255,12 @@ class ParallelSSHI(SSDI, Rectifier):
 class SeriesSSHI(ParallelSSHI):
     """Bridge in line with the switched loop: it conducts while the switch is closed, and blocks at zero current."""
 
+    real_coil = False
+
     def flow(self, z, v, free, elastance):
         opposed = v - self.sign * self.limit(z) - self.path_resistance * z[0]
-        rate = self.loop_rate(z[0], opposed) if self.sign else 0.0 * v
-        return z[0], (rate, *self.dc_rates(z, self.sign * z[0]))
+        rates = self.loop_rates(z, opposed) if self.sign else (0.0 * v,)
+        return z[0], (*rates, *self.dc_rates(z, self.sign * z[0]))
 
     def guards(self, z, v, i):
         if not self.closed:
@@ -259,12 +293,12 @@ class BiasFlip(Staged, SSDI, Rectifier):
     def meet(self, capacitance):
         super().meet(capacitance)
         bias = 1e5 * capacitance if self.bias_capacitance is None else self.bias_capacitance
-        coil, *rest = self.storage
+        coil, rest = self.storage[: self.coil_states], self.storage[self.coil_states :]
         stiffness = 1.0 / capacitance + 1.0 / bias
         assert self.inductance is not None  # set above
         swing = math.sqrt(stiffness / self.inductance - (0.5 * self.resistance / self.inductance) ** 2)
         self.biased_time = math.pi / swing * (1.0 + self.on_time_error)
-        self.bias, self.storage = bias, (coil, *(bias for _ in range(self.steps // 2)), *rest)
+        self.bias, self.storage = bias, (*coil, *(bias for _ in range(self.steps // 2)), *rest)
 
     def stage_times(self):
         middle = [2 * k == self.steps - 1 for k in range(self.steps)]
@@ -278,17 +312,22 @@ class BiasFlip(Staged, SSDI, Rectifier):
         return (self.stage, -self.closed) if first else (self.steps - 1 - self.stage, self.closed)
 
     def flow(self, z, v, free, elastance):
+        (which, sign), across = self.side(), self.across(z, v)
+        into = self.loop_current(z, across)
+        i, rates = self.bridge_flow(z, v, free, elastance, beside=into)
+        own = (sign * into / self.bias if n == which else 0.0 * v for n in range(self.steps // 2))
+        return i, (*self.loop_rates(z, across), *own, *rates)
+
+    def across(self, z, v):
+        """Voltage across the loop, without the bias capacitor in line."""
         which, sign = self.side()
-        i, rates = self.bridge_flow(z, v, free, elastance, beside=z[0])
-        across = v if which is None else v - sign * z[1 + which]
-        own = (sign * z[0] / self.bias if n == which else 0.0 * v for n in range(self.steps // 2))
-        return i, (self.loop_rate(z[0], across), *own, *rates)
+        return v if which is None else v - sign * z[self.coil_states + which]
 
     def guards(self, z, v, i):
-        return super(SSDI, self).guards(z, v, i - z[0])
+        return super(SSDI, self).guards(z, v, i - self.loop_current(z, self.across(z, v)))
 
     def dc_current(self, z, v, i):
-        return super().dc_current(z, v, i - z[0])
+        return super().dc_current(z, v, i - self.loop_current(z, self.across(z, v)))
 
 
 SWITCHED: dict[str, type[Circuit]] = {

@@ -79,6 +79,14 @@ class Shunt(Component):
         """
         return {}, ""
 
+    @classmethod
+    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+        """As `assumed`, of a kind that a design tries only where its candidates name it.
+
+        `voltage` is the amplitude of the open electrodes in operation, V.
+        """
+        return {}, ""
+
     def states(self, capacitance: float) -> tuple[State, ...]:
         """States of the circuit; `capacitance` is the transducer's clamped one, F."""
         return ()

@@ -47,6 +47,7 @@ class Bridge(Shunt):
     diodes: ClassVar[int] = 2
     drawn: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # A and S, of what else is at the dc side (`drawing`)
     capacitors: ClassVar[int] = 1  # in series across the dc side
+    whole_side: ClassVar[bool] = False  # the circuit is the whole dc side, without load or capacitor
     gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
 
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)

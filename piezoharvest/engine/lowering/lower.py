@@ -22,7 +22,7 @@ from piezoharvest.engine.lowering.equilibrium import equilibrium
 from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
-from piezoharvest.engine.work_limit import Budget
+from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
 from piezoharvest.equations.circuits import circuit_equations, circuit_powers
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
@@ -103,7 +103,9 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         message = "its values are so many decades apart that its equations cannot be solved"
         raise ParameterError("transducer", message) from None
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
-    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
+    budget = Budget()
+    budget.left += SAMPLE_WORK * int(excitation.samples)
+    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, budget)
 
 
 def settled(system: System, excitation: Excitation) -> System:

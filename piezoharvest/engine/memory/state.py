@@ -10,10 +10,11 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
-from piezoharvest.engine.memory.vector import lined_up, whole_lines
+from piezoharvest.engine.memory.vector import GROUP, lined_up, whole_lines
 
 QUEUE_LENGTH = 4  # scheduled actions of the switch at one time, at most
 VECTORS = 16  # of scratch
+TANGENT_BLOCKS = 5  # of all sensitivities: themselves, three terms of a series, and what the fourth one acts on
 TOLERANCE = 1e-11  # of the outputs of smooth elements: the energy of a period then closes to about 1e-8
 
 # Places in D: the discrete state; BETWEEN is set while an event is incomplete, MODE is the slot of the mode of the last
@@ -64,6 +65,7 @@ class EngineState:
         rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
         guards = contents[tb.SLOT]  # more than any mode has
         energies, elements = contents[pg.CATEGORY_COUNT] if ledger else 0, contents[pg.ELEMENTS]
+        columns = -(-sensitivities // GROUP) * GROUP * rows  # in groups, as they are propagated
         curve = 3 + 4 * rows + elements * (elements + 2) if elements else 0
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
@@ -72,7 +74,7 @@ class EngineState:
             THERE_GUARDS: contents[tb.FORMS], TAYLOR: tb.TAYLOR_ROWS,
             FREE_STEP: contents[tb.FREE_STEP_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
             WORK: VECTORS * rows,
-            EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
+            EXTREMES: 4, ENERGY: energies, PHI: TANGENT_BLOCKS * columns, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])), QUADRATURE: energies,
             FIRST_TIMES: len(pg.EVENT_NAMES),

@@ -22,6 +22,7 @@ LANES = 4  # numbers in a register. Longer registers are no faster on most machi
 LINE = 8  # numbers in a cache line
 COLUMNS = 4  # columns that are added up side by side
 BLOCKS = 3  # registers of the result that are computed side by side, at most
+GROUP = 4  # vectors that one matrix is multiplied with side by side
 
 intrinsic: Any = _intrinsic  # callers omit the context argument, which type checkers do not know
 
@@ -278,6 +279,88 @@ def grow(typing_context: Any, m, at, rows, columns, v, x, y):
             lambda i: vector.load(builder.add(x, i)),
             lambda i, found: vector.store(found, builder.add(y, i)),
         )  # fmt: skip
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _products(builder, matrix, at, stride, rows, columns, vector, x, count, y, start):
+    """Matrix times vectors that stand one after the other, GROUP of them side by side, added to `start(offset)`.
+
+    A register of the matrix is loaded once for all of the group: with many modes it is not in the nearest cache.
+    """
+    done = cgutils.alloca_once_value(builder, ir.Constant(_INDEX, 0))
+    begin, group = (ir.Constant(_INDEX, number) for number in (0, GROUP))
+    for blocks in (2, 1):
+        length = ir.Constant(_INDEX, blocks * LANES)
+        with (
+            _while_left(builder, done, rows, length) as i,
+            cgutils.for_range_slice(builder, begin, count, group, _INDEX) as (s, _),
+        ):
+            ahead = [builder.mul(builder.add(s, ir.Constant(_INDEX, g)), rows) for g in range(GROUP)]
+            places = [builder.add(i, ir.Constant(_INDEX, k * LANES)) for k in range(blocks)]
+            sums = [[cgutils.alloca_once(builder, _VECTOR) for _ in ahead] for _ in places]
+            for place, totals in zip(places, sums, strict=True):
+                for offset, total in zip(ahead, totals, strict=True):
+                    builder.store(start(builder.add(offset, place)), total)
+            with cgutils.for_range(builder, columns) as loop:
+                column = builder.add(at, builder.mul(loop.index, stride))
+                factors = [matrix.load(builder.add(column, place)) for place in places]
+                for g, offset in enumerate(ahead):
+                    number = vector.spread(builder.add(builder.add(x, offset), loop.index))
+                    for factor, totals in zip(factors, sums, strict=True):
+                        term = builder.fmul(factor, number, flags=_FUSED)
+                        builder.store(builder.fadd(builder.load(totals[g]), term, flags=_FUSED), totals[g])
+            for place, totals in zip(places, sums, strict=True):
+                for offset, total in zip(ahead, totals, strict=True):
+                    vector.store(builder.load(total), builder.add(builder.add(y, offset), place))
+
+
+@intrinsic
+def multiply_all(typing_context: Any, m, at, stride, rows, columns, v, x, count, y):
+    """As `multiply_top` for vectors that stand one after the other from V[x:]; their number is a multiple of GROUP."""
+    signature = types.void(m, *[types.intp] * 4, v, *[types.intp] * 3)
+
+    def generate(context, builder, signature, arguments):
+        m, at, stride, rows, columns, v, x, count, y = arguments
+        matrix, vector, nothing = _Memory(builder, m), _Memory(builder, v), ir.Constant(_VECTOR, [0.0] * LANES)
+        _products(builder, matrix, at, stride, rows, columns, vector, x, count, y, lambda offset: nothing)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def grow_all(typing_context: Any, m, at, rows, columns, v, x, count, y):
+    """As `grow` for vectors that stand one after the other from V[x:]; their number is a multiple of GROUP."""
+    signature = types.void(m, *[types.intp] * 3, v, *[types.intp] * 3)
+
+    def generate(context, builder, signature, arguments):
+        m, at, rows, columns, v, x, count, y = arguments
+        matrix, vector = _Memory(builder, m), _Memory(builder, v)
+
+        def start(offset):
+            return vector.load(builder.add(x, offset))
+
+        _products(builder, matrix, at, rows, rows, columns, vector, x, count, y, start)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_all(typing_context: Any, m, at, stride, rows, columns, v, x, count, y):
+    """As `add_product` for vectors that stand one after the other from V[x:]; their number is a multiple of GROUP."""
+    signature = types.void(m, *[types.intp] * 4, v, *[types.intp] * 3)
+
+    def generate(context, builder, signature, arguments):
+        m, at, stride, rows, columns, v, x, count, y = arguments
+        matrix, vector = _Memory(builder, m), _Memory(builder, v)
+
+        def start(offset):
+            return vector.load(builder.add(y, offset))
+
+        _products(builder, matrix, at, stride, rows, columns, vector, x, count, y, start)
         return context.get_dummy_value()
 
     return signature, generate

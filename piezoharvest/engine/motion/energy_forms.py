@@ -8,7 +8,7 @@ from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.tables import block_of, slot_of
-from piezoharvest.engine.memory.vector import accumulate, copy, dot, grow, multiply, polynomial
+from piezoharvest.engine.memory.vector import accumulate, copy, dot, grow_all, multiply, multiply_all, polynomial
 from piezoharvest.engine.work_limit import spend_products
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -78,10 +78,8 @@ def _double_form(P, L, form, double, growth, transposed):
     copy(P, form, double, rows * columns)
     if dot(P, form, P, form, rows * columns) == 0.0:
         return
-    turned, out = transposed + rows * columns, transposed + rows * columns + rows
-    for j in range(L[pg.A]):
-        # Q (1 + G), a column at a time
-        multiply(P, form, rows, columns, P, growth + j * rows, turned)
-        accumulate(P, form + j * rows, 1.0, turned, rows)
-        grow(P, transposed, rows, columns, P, turned, out)
-        accumulate(P, out, 1.0, double + j * rows, rows)
+    turned, out = transposed + rows * columns, transposed + 2 * rows * columns
+    multiply_all(P, form, rows, rows, columns, P, growth, columns, turned)
+    accumulate(P, form, 1.0, turned, rows * columns)  # Q (1 + G)
+    grow_all(P, transposed, rows, columns, P, turned, columns, out)
+    accumulate(P, out, 1.0, double, rows * columns)

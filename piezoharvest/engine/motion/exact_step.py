@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba.cpython.unsafe import numbers
 
-from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
@@ -66,6 +66,18 @@ def taylor_terms(P, L, S, D, slot):
     multiply(P, block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, L[pg.COLUMNS], S, z, z + rows)
 
 
+@inlined
+def series_factors(share):
+    """Factors of the terms of a series behind the fourth power of the mode's matrix, and of those before it.
+
+    The k-th term of the former is that of the latter times 4! k! / (k + 4)!; the matrix holds 1/4! already.
+    """
+    second = share * share
+    third, fourth = second * share, second * second
+    later = fourth, fourth * share / 5.0, fourth * second / 15.0, fourth * third / 35.0
+    return later, (1.0, share, second, third)
+
+
 @compiled
 def propagate_fraction(P, L, S, D, slot, share, out):
     """Out = the first of SERIES propagated by a fraction of the finest step, up to NEAR forwards or backwards.
@@ -74,13 +86,11 @@ def propagate_fraction(P, L, S, D, slot, share, out):
     many products as in `taylor_terms`, and the remainder is below 1e-16.
     """
     z, rows, columns = vector(L, D, SERIES), L[pg.ROWS], L[pg.COLUMNS]
-    powers, stride, second, behind = block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, share * share, z + 4 * rows
+    powers, stride, behind = block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, z + 4 * rows
     multiply_top(P, powers, stride, 3 * rows, columns, S, z, z + rows)
-    third = second * share
-    # The k-th term of the latter is that of the former times 4! k! / (k + 4)!; the matrix holds 1/4! already.
-    fourth = second * second
-    combine(S, z, rows, (fourth, fourth * share / 5.0, fourth * second / 15.0, fourth * third / 35.0), behind)
-    combine(S, z, rows, (1.0, share, second, third), out)
+    later, sooner = series_factors(share)
+    combine(S, z, rows, later, behind)
+    combine(S, z, rows, sooner, out)
     add_product(P, powers + 3 * rows, stride, rows, columns, S, behind, out)
 
 

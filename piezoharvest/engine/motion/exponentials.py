@@ -31,7 +31,7 @@ from piezoharvest.engine.memory.tables import (
     block_of,
     slot_of,
 )
-from piezoharvest.engine.memory.vector import LANES, accumulate, copy, grow, multiply
+from piezoharvest.engine.memory.vector import LANES, accumulate, copy, grow, grow_all, multiply, multiply_all
 from piezoharvest.engine.motion.diode_clamp import clamped_form, enforce_clamp
 
 # |A| h on the finest level: a Taylor series over half of that is short.
@@ -75,12 +75,9 @@ def exponentials(P, L, slot, configuration, longest):
         P[powers + j * rows + j] = 1.0
     for k in range(1, ORDER + 1):
         before, here = powers + (k - 1) * square, powers + k * square
-        for j in range(a):
-            multiply(P, matrix, rows, columns, P, before + j * rows, here + j * rows)
-        for j in range(a * rows):
+        multiply_all(P, matrix, rows, rows, columns, P, before, columns, here)
+        for j in range(square):
             P[here + j] *= h / k
-        for j in range(a * rows, square):
-            P[here + j] = 0.0
     for j in range(columns):
         for k in range(TERMS):
             copy(P, powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows, rows)
@@ -93,11 +90,8 @@ def exponentials(P, L, slot, configuration, longest):
     L[slot_of(L, slot) + CLAMPED_FORM] = holds
     for _ in range(finest):
         coarser = growth - square
-        for j in range(a):
-            # (1 + G)^2 - 1 = G + (1 + G) G
-            grow(P, growth, rows, columns, P, growth + j * rows, coarser + j * rows)
-        for j in range(a * rows, square):
-            P[coarser + j] = 0.0
+        # (1 + G)^2 - 1 = G + (1 + G) G
+        grow_all(P, growth, rows, columns, P, growth, columns, coarser)
         accumulate(P, growth, 1.0, coarser, square)
         if holds != NONE:
             enforce_clamp(P, L, coarser, held)

@@ -25,7 +25,7 @@ def make_free_steps(P, L, S, D, ramps, last, piece, t_end):
     slot, glided, clock = D[st.MODE], D[st.FREE_STEP], D[st.CLOCK]
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     step, bends, pairs = P[block + L[tb.STEPS]], glided + rows, glided + 2 * rows
-    full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
+    full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0
     # Forms that no guard uses, and outputs that are not recorded, are left out.
     forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.FREE_STEP_ROWS]
     if not full and D[st.SAMPLED] >= D[st.SAMPLES_WANTED]:

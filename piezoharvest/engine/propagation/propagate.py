@@ -18,6 +18,7 @@ from piezoharvest.engine.motion.exact_step import ARRIVED, FOUND, propagate_exac
 from piezoharvest.engine.motion.exponentials import FIRST_STEP_LEVEL
 from piezoharvest.engine.motion.mode_forms import DECAY_LEVEL, STIFF_LEVELS
 from piezoharvest.engine.propagation.recording import TIME_TOLERANCE, record_energies, record_outputs
+from piezoharvest.engine.propagation.tangents import propagate_sensitivities
 from piezoharvest.engine.work_limit import STEP_WORK, may_continue, spend_products
 
 # Relative interpolation error of a guard with which a step is accepted, and with which the next is twice or four times
@@ -102,13 +103,14 @@ def propagate_mode(P, L, S, D, slot, t_stop):
     If no work is left (see `work_limit`) the state becomes NaN. The guards at the beginning stand at NOW_GUARDS. The
     first step resolves the fastest motion of the mode, and steps are doubled while every guard is smooth over them, so
     that a decayed transient costs nothing. A run through samples begins with the whole rest of a sample: usually no
-    fast motion is excited, and if it is, the rates at the ends show it.
+    fast motion is excited, and if it is, the rates at the ends show it. Sensitivities, which no guard reads, follow at
+    the end, or when they are a longest step behind.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     growth, steps, finest = block + L[tb.GROWTH], block + L[tb.STEPS], L[slot_of(L, slot) + tb.FINEST_LEVEL]
     clock, arrived, now, then = D[st.CLOCK], vector(L, D, ARRIVED), D[st.NOW_GUARDS], D[st.THEN_GUARDS]
     watching = D[st.SAMPLES_WANTED] > 0 or D[st.TRACKED] > 0
-    recording = watching or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
+    recording, moves, behind = watching or D[st.ENERGIES] > 0, D[st.SENSITIVITIES] > 0, 0.0
     resolved = max(finest - FIRST_STEP_LEVEL, 0)
     level = 0 if L[pg.SIGNAL_KIND] == pg.RAMPS else resolved
     # Time after which fast motion has decayed, and the forms of the guards.
@@ -154,9 +156,14 @@ def propagate_mode(P, L, S, D, slot, t_stop):
             if watching:
                 record_outputs(P, L, S, D, slot, tau, end, target)
             record_energies(P, L, S, D, slot, tau, level if full and guard == NONE else NONE)
+        if moves and behind + tau > P[steps]:
+            propagate_sensitivities(P, L, S, D, slot, behind)
+            behind = 0.0
         copy(S, target, 0, rows)
-        S[clock] = end
+        S[clock], behind = end, behind + tau
         if guard != NONE or S[clock] >= t_stop:
+            if moves:
+                propagate_sensitivities(P, L, S, D, slot, behind)
             return guard
         now, then = then, now
         level, resolved = max(level - longer, 0), 0

@@ -81,11 +81,13 @@ def _extend_extremes(S, D, k, value):
 
 @compiled
 def record_energies(P, L, S, D, slot, tau, level):
-    """Add energies and propagate sensitivities over tau from the present state.
+    """Add energies over tau from the present state.
 
     `level` is the level of a full step, or NONE for any tau.
     """
-    if D[st.ENERGIES] and not L[slot_of(L, slot) + tb.ACCOUNTED]:
+    if D[st.ENERGIES] == 0:
+        return
+    if not L[slot_of(L, slot) + tb.ACCOUNTED]:
         energies_of_steps(P, L, slot, D[st.CONFIGURATION])
         L[slot_of(L, slot) + tb.ACCOUNTED] = 1
     if level != NONE:
@@ -93,13 +95,6 @@ def record_energies(P, L, S, D, slot, tau, level):
         return
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, steps = L[slot_of(L, slot) + tb.FINEST_LEVEL], block + L[tb.STEPS]
-    if D[st.ENERGIES] == 0:
-        spend_products(L, D[st.SENSITIVITIES])
-        for s in range(D[st.SENSITIVITIES]):
-            phi, out = D[st.PHI] + s * rows, vector(L, D, FLOW)
-            propagate_exactly(P, L, S, D, slot, phi, tau, out)
-            copy(S, out, phi, rows)
-        return
     rest, kept, out = tau, vector(L, D, SAVED), vector(L, D, FLOW)
     copy(S, 0, kept, rows)
     for k in range(finest + 1):
@@ -110,31 +105,11 @@ def record_energies(P, L, S, D, slot, tau, level):
             rest -= P[steps + k]
     if rest > 0.0:
         _add_short_step(P, L, S, D, slot, rest)
-        for s in range(D[st.SENSITIVITIES]):
-            phi = D[st.PHI] + s * rows
-            copy(S, phi, vector(L, D, SERIES), rows)
-            taylor_terms(P, L, S, D, slot)
-            polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, rest / P[steps + finest], phi)
     copy(S, kept, 0, rows)
 
 
 @compiled
 def _full_step(P, L, S, D, slot, level):
-    """Add energies and propagate sensitivities over a full step of one level from the present state."""
-    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
-    spend_products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
-    if D[st.ENERGIES]:
-        _energies_of_step(P, L, S, D, slot, level)
-    square = rows * columns
-    growth = block + L[tb.GROWTH] + level * square
-    for s in range(D[st.SENSITIVITIES]):
-        phi = D[st.PHI] + s * rows
-        grow(P, growth, rows, columns, S, phi, out)
-        copy(S, out, phi, rows)
-
-
-@compiled
-def _energies_of_step(P, L, S, D, slot, level):
     """Add energies of a full step of one level from the present state, as quadratic forms of it.
 
     In a stiff mode the rounding error in the form of the finest step has been doubled with it, and a small power
@@ -142,6 +117,7 @@ def _energies_of_step(P, L, S, D, slot, level):
     rounding: it is then as good, and far better if the motion is smooth.
     """
     rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
+    spend_products(L, D[st.ENERGIES])
     square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
     for e in range(D[st.ENERGIES]):
         forms = block + L[tb.GRAMIAN] + e * square

@@ -16,6 +16,11 @@ from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 RANGE = 2.0  # largest inductance over that of the beginning, and that over the smallest, where none are given
 
 
+# A design's rate of adaptation, by the strain current with a shunt as a share of that with open electrodes, and its
+# mean; in periods.
+ASSUMED_SHARE, ASSUMED_PERIODS, AVERAGED_PERIODS = 0.2, 200.0, 3.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveRL(Shunt):
     """Synthetic inductance that adapts itself to a drifting resonance, in series or parallel with a resistance.
@@ -68,6 +73,17 @@ class AdaptiveRL(Shunt):
         if np.any(np.real(self.inductance) < least) or np.any(np.real(self.inductance) > most):
             limits = f"min_inductance ({np.max(least):g} H) to max_inductance ({np.min(most):g} H)"
             raise ParameterError("inductance", f"found {np.max(self.inductance):g} H, must be within {limits}")
+
+    @classmethod
+    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+        omega = 2 * np.pi * frequency
+        strain = ASSUMED_SHARE * omega * capacitance * voltage  # current, A
+        values = {
+            "inductance": 1 / (omega**2 * capacitance), "resistance": 0.2 / (omega * capacitance),
+            "adaptation_rate": frequency / (ASSUMED_PERIODS * strain**2),
+            "averaging_time": AVERAGED_PERIODS / frequency,
+        }  # fmt: skip
+        return values, f"adaptation over some {ASSUMED_PERIODS:g} periods, mean over {AVERAGED_PERIODS:g}"
 
     @property
     def span(self) -> tuple[Any, Any]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import sign_of
+
+ASSUMED_SHARE = 0.5  # of the clamped capacitance, at which the electrodes become unstable
+GENERAL_PURPOSE, ASSUMED_SUPPLY = 1e6, 13.5  # gain-bandwidth product, Hz, and output at supplies of 15 V, of an LM358
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +34,19 @@ class OpAmpNegativeCapacitance(Shunt):
     resistance: float = quantity("ohm", "load resistance in parallel with it", above=0)
     gain_bandwidth: float = quantity("Hz", "gain-bandwidth product of the amplifier", above=0)
     saturation: float = quantity("V", "largest output voltage, of either sign", above=0)
+
+    @classmethod
+    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+        values = {
+            "capacitance": ASSUMED_SHARE * capacitance, "resistance": 1 / (2 * np.pi * frequency * capacitance),
+            "gain_bandwidth": GENERAL_PURPOSE, "saturation": ASSUMED_SUPPLY,
+        }  # fmt: skip
+        note = f"-{values['capacitance']:.3g} F, half of what is unstable, of an amplifier of {GENERAL_PURPOSE:g} Hz"
+        return values, f"{note} whose output reaches {ASSUMED_SUPPLY:g} V"
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        return ("resistance",)
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("across", self.capacitance),)

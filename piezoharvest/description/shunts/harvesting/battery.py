@@ -6,6 +6,8 @@ from typing import Any, ClassVar
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
+CELL = 3.7  # V, nominal, of one lithium-ion cell
+
 
 @dataclass(frozen=True, kw_only=True)
 class Battery(Rectifier):
@@ -22,11 +24,16 @@ class Battery(Rectifier):
 
     kind: ClassVar[str] = "battery"
     source: ClassVar[str] = "Sodano, Inman & Park, J. Intell. Mater. Syst. Struct. 16(10), 799-807, 2005"
+    whole_side: ClassVar[bool] = True
 
     dc_voltage: float = quantity("V", "open-circuit voltage of the battery", at_least=0)
     internal_resistance: float = quantity(
         "ohm", "internal resistance of the battery", default=0.0, at_least=0, other_law_at_zero=True
     )
+
+    @classmethod
+    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+        return {"dc_voltage": CELL}, f"a lithium-ion cell of {CELL} V"
 
     def __post_init__(self) -> None:
         for key in ("smoothing_capacitance", "load_resistance"):

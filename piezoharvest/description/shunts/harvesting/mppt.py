@@ -33,6 +33,7 @@ class MPPT(Rectifier):
     kind: ClassVar[str] = "mppt"
     source: ClassVar[str] = "Esram & Chapman, IEEE Trans. Energy Convers. 22(2), 439-449, 2007, section II-C"
     tracks: ClassVar[bool] = True
+    whole_side: ClassVar[bool] = True
     unrecorded: ClassVar[str] = (
         "which takes its voltage from the excitation of a study; for a record use a rectifier with dc_voltage"
     )
