@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.experiments.candidates import Planned, scaled
 from piezoharvest.diagnose.experiments.reach import Reach
@@ -28,6 +29,7 @@ from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.record import Record, Signal
 
+DC_SIDE = "dc_voltage", "dc_current"  # channels of circuits with diodes
 _IMPOSSIBLE = (PredictionError, ParameterError, np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -148,7 +150,7 @@ class Bench:
         return self._known[key]
 
     def _prediction(self, planned: Planned, model: Model) -> Data:
-        drive, channels, step = self.reach.drive, self.reach.channels, 1.0 / planned.sample_rate
+        drive, channels, step = self.reach.drive, self._channels(planned), 1.0 / planned.sample_rate
         blank = self._record(planned, np.zeros((len(planned.time), len(channels))))
         setting = setting_of(drive, planned.shunt, step, blank[drive], self.nominal)
         still = dict.fromkeys(channels, 0.0)
@@ -159,11 +161,16 @@ class Bench:
         bends = [curvature_of(values[:, n], self.noise.sigma[c], setting.jumps) for n, c in enumerate(channels)]
         return replace(data, record=self._record(planned, values), setting=replace(setting, fine=steps_for(bends)))
 
+    def _channels(self, planned: Planned) -> tuple[str, ...]:
+        """Channels of the campaign that the circuit has: without diodes there is no dc side."""
+        without = DC_SIDE if isinstance(planned.shunt, LinearShunt) else ()
+        return tuple(channel for channel in self.reach.channels if channel not in without)
+
     def _record(self, planned: Planned, values: np.ndarray) -> Record:
         """Record of the planned drive with responses (samples, channels)."""
         time, sigma = planned.time, self.noise.sigma
         columns = {self.reach.drive: planned.excitation.signal().at(time)}
-        for n, channel in enumerate(self.reach.channels):
+        for n, channel in enumerate(self._channels(planned)):
             columns[channel] = values[:, n]
         signals = {name: Signal(column, sigma.get(name), "", "", 1) for name, column in columns.items()}
         clock = Signal(time, None, "", "", 1)
