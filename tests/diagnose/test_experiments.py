@@ -93,6 +93,17 @@ def test_slow_records_separate_better(doubt):
     assert fast < middle < slow and slow > 2 * fast
 
 
+def test_a_plan_for_a_resistor_leaves_out_the_dc_side_of_other_records(doubt):
+    """It ended in an internal error."""
+    problem, leak, relaxation = doubt
+    plain, models = bench_of(problem), (Known.of(leak), Known.of(relaxation))
+    with_bridges = replace(
+        plain, reach=replace(plain.reach, channels=(*plain.reach.channels, "dc_voltage", "dc_current"))
+    )
+    planned = Planned(SineForce(amplitude=450.0, offset=550.0, frequency=3.0), LOAD, 3.0, 1000.0)
+    assert with_bridges.separation(planned, *models) == plain.separation(planned, *models)
+
+
 def test_information_is_that_of_a_closed_form(doubt):
     """Standard error of a resistance from voltage and current alone: they are known to their noise over sqrt(n)."""
     problem, leak, _ = doubt
