@@ -172,6 +172,11 @@ class EnergyRows(SpecimenRows, Protocol):
         """Return rows of a state or stop of the effect, and of its rate."""
         ...
 
+    @property
+    def capacitor_current(self) -> Row:
+        """Rate of the charge on the clamped capacitance with what effects add to it, q - sum T_i x_i, A."""
+        ...
+
 
 class CampaignSizes(Protocol):
     """Sizes, times and channels of a campaign, from which effects take start values; SI units.

@@ -45,7 +45,7 @@ class Placing:
         charges, share = _without(terms.charges, terms.columns["v_t"])
         capacitance = terms.transducer.capacitance + share
         inside = -charge_law(capacitance, 0.0, terms.strain_charge, charges, terms.q)
-        self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
+        self.v_t, self.dv_t = (terms.over(inside, rows, stops=True) / capacitance for rows in (z, dz))
         self._none = 0.0 * one
         drawn, share = _without(terms.drawn, terms.columns["i"])
         self._rows["v_t"] = self.v_t

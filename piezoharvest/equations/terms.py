@@ -179,6 +179,13 @@ class Terms:
         z, dz = (UNITS[self.columns[self._prefix + name + rate]] for rate in ("", "'"))
         return z, dz
 
+    @property
+    def capacitor_current(self) -> Row:
+        """Rate of q - sum T_i x_i, A."""
+        moving = [UNITS[self.columns[f"u{n}"]] for n in range(1, len(self.transducer.all_modes) + 1)]
+        rate = UNITS[self.columns["q'"]] if "q'" in self.columns else self._column("q'")
+        return rate - strain_charge(self.transducer.all_modes, moving, self.nothing)
+
     def product(self, first: Row, second: Row) -> Row:
         """Product of two rows; the first of them may have time in it."""
         share = first[..., self.columns["time"], None]
@@ -308,9 +315,12 @@ class Terms:
             found = f"found a smooth term of {of} beside {shunt.kind}, which draws charge instantly"
             raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
 
-    def over(self, row: Row, states: Rows) -> Row:
-        """Combination of states and smooth elements as a row, from the rows of these or of their rates."""
-        used, own = self.used(row), (*self.states, *self.elements)
+    def over(self, row: Row, states: Rows, *, stops: bool = False) -> Row:
+        """Combination of states and smooth elements as a row, from the rows of these or of their rates.
+
+        With `stops` of these, too, as a charge may be, but no input of another stop.
+        """
+        used, own = self.used(row), (*self.states, *self.elements, *(self.stops if stops else ()))
         others = used.keys() - {*state_names(self.transducer), *(each.name for each in own)}
         if others:
             found = f"found a charge, or the input of a stop, of {', '.join(sorted(others))}"

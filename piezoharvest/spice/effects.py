@@ -85,9 +85,9 @@ class _Values:
         return self._sum(row, self._known)
 
     def rate(self, row: Row) -> list[tuple[float, str]]:
-        """Coefficients and expressions of the rate of a row of displacements."""
+        """Coefficients and expressions of the rate of a row of displacements and the charge."""
         modes = range(1, len(self.point.transducer.all_modes) + 1)
-        return self._sum(row, {f"x{n}": (1.0, f"V(u{n})") for n in modes})
+        return self._sum(row, {"q": (1.0, "I(Vport)"), **{f"x{n}": (1.0, f"V(u{n})") for n in modes}})
 
     def at_start(self, row: Row) -> float:
         """Value of a row in the initial state."""

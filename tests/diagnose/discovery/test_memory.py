@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from nameless import BEAM, Drive, Gentle, Laws, nameless_campaign
 from remembering import delayed, lagging, relaxing, resonating, ringing, rubbing, searched, spring_with, with_play
+from scipy.integrate import cumulative_simpson
 
-from piezoharvest import Resistor, SineForce, System, Transducer, simulate
+from piezoharvest import Open, Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Play, Relaxation, Resonance
@@ -70,6 +71,7 @@ def test_a_reading_with_a_memory_is_that_of_an_independent_filter(memory, readin
     "law",
     [
         *(law for law, _ in SPRINGS.values()),
+        Law(place=Capacitor(), form=Line(factor=-6e-9), memory=Play(threshold=0.5)),
         Law(place=Capacitor(), form=Line(factor=8e-9), memory=Relaxation(time_constant=4e-3)),
         Law(place=Capacitor(), form=Line(factor=4e-9), memory=Resonance(frequency=80.0, damping_ratio=0.2)),
         Law(place=Electrodes(), form=Line(factor=4e-6), memory=Relaxation(time_constant=4e-3)),
@@ -84,6 +86,22 @@ def test_the_energy_of_a_memory_closes_and_it_takes_some(law):
     assert run.converged
     assert abs(run.energy["closure"]) < 1e-9
     assert run.energy[law.name] > 1e-3 * run.energy["mechanical_in"]
+
+
+@pytest.mark.parametrize("shunt", [Open(), Resistor(resistance=2e5)], ids=lambda each: each.kind)
+def test_a_capacitor_with_play_has_the_charge_of_its_stop(shunt):
+    """Charge from the coupling and the current, against C v + f stop(v; r) of SciPy's and NumPy's own."""
+    factor, threshold = -1.2e-8, 2.0
+    law = Law(place=Capacitor(), form=Line(factor=factor), memory=Play(threshold=threshold))
+    device = Transducer(**BEAM, effects=(law,))
+    run = simulate(System(device, shunt), SineForce(amplitude=0.3, frequency=45.0), transient=0.3, samples=20000)
+    waves, v = run.waveforms, run.waveforms.voltage
+    assert np.ptp(v) > 8 * threshold
+    stop = v - with_play(v, threshold)
+    charge = device.coupling * waves.displacement + device.capacitance * v + factor * stop
+    drawn = cumulative_simpson(waves.current, x=waves.time, initial=0.0)
+    np.testing.assert_allclose(charge, -drawn, rtol=0, atol=1e-6 * device.capacitance * np.ptp(v))
+    assert np.abs(factor * stop).max() > 0.01 * np.abs(device.capacitance * v).max()
 
 
 def test_a_reading_with_a_memory_moves_nothing():

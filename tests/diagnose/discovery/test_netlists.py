@@ -16,6 +16,7 @@ SINE = SineForce(amplitude=0.02, frequency=48.0)
 LAWS = [
     Law(place=Load(), form=Knee(factor=2e-5, knee=0.3)),
     Law(place=Spring(), form=Line(factor=80.0), memory=Play(threshold=2e-5)),
+    Law(place=Capacitor(), form=Line(factor=-6e-9), memory=Play(threshold=0.5)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Relaxation(time_constant=4e-3)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Resonance(frequency=70.0, damping_ratio=0.3)),
     Law(place=Capacitor(), form=Line(factor=2e-8), memory=Relaxation(time_constant=4e-3)),

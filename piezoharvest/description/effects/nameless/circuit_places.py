@@ -128,16 +128,15 @@ def _where_it_bends(form: Form, reach: float) -> np.ndarray:
     Practical Guide to Splines, 2001, chapter III). They move with complex steps of the curve's values.
     """
     grid = reach * np.concatenate([[0.0], np.geomspace(LEAST_CORNER, 1.0, STEPS)])
-    slopes = np.gradient(form.values(grid), grid, axis=-1)
-    bend = np.gradient(slopes, grid, axis=-1)
-    dense = np.sqrt(np.where(np.real(bend) < 0.0, -bend, bend))
+    bend: Any = np.gradient(np.gradient(form.values(grid), grid, axis=-1), grid, axis=-1)
+    dense: np.ndarray = np.sqrt(np.where(np.real(bend) < 0.0, -1.0, 1.0) * bend)
     parts = 0.5 * (dense[..., 1:] + dense[..., :-1]) * np.diff(grid)
     total = np.concatenate([0.0 * parts[..., :1], np.cumsum(parts, axis=-1)], axis=-1)
     wanted = total[..., -1:] * np.linspace(0.0, 1.0, PIECES + 1)[1:-1]
-    nominal = np.real(total).reshape(-1, len(grid))[0]
+    nominal, aims = (np.asarray(np.real(each).reshape(-1, each.shape[-1])[0], float) for each in (total, wanted))
     if not nominal[-1] > 0.0:
         return np.linspace(0.0, reach, PIECES + 1)
-    k = np.searchsorted(nominal, np.real(wanted).reshape(-1, PIECES - 1)[0], side="right") - 1
+    k = np.searchsorted(nominal, aims, side="right") - 1
     inner = grid[k] + (wanted - total[..., k]) / parts[..., k] * np.diff(grid)[k]
     ends = np.zeros((*inner.shape[:-1], 1))
     return np.concatenate([ends, inner, ends + reach], axis=-1)

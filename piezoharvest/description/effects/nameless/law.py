@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
-from piezoharvest.description.effects.nameless.memory import Delay, Memory
+from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, Memory, Play
 from piezoharvest.description.effects.nameless.places import SIZES, Place, Reading
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
@@ -71,6 +71,10 @@ class Law(Effect):
         if isinstance(self.memory, Delay) or not (self.of_specimen or specimen.reads):
             return
         form = self.form
+        if isinstance(self.memory, Play) and self.place.port == CHARGE:
+            assert isinstance(form, Line)
+            specimen.charge(self.memory.charge(specimen, form.factor))
+            return
         if self.memory is not None:
             form = Remembered(form=form, memory=self.memory, of=self.place.input)
         self.place.add(specimen, form)

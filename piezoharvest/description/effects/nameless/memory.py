@@ -50,24 +50,45 @@ class Memory(Component):
 class Play(Memory):
     """The stop operator of the input, by which it is ahead of one with play: of a backlash r it is at most r.
 
+    A voltage is no state, of which equations have stops, but a charge is: where that of a capacitor C is w = C v +
+    f stop(v; r), its voltage is w/C + g stop(w; (C + f) r), with g = 1/(C + f) - 1/C (inverse of a Prandtl-Ishlinskii
+    operator: Kuhnen, Eur. J. Control 9(4), 407-418, 2003).
+
     Source: Visintin, Differential Models of Hysteresis, 1994, chapter III.
     """
 
     kind: ClassVar[str] = "play"
-    signs: ClassVar[Mapping[str, int]] = {RATE: 1}
+    signs: ClassVar[Mapping[str, int]] = {RATE: 1, CHARGE: -1}
 
     threshold: float = quantity("", "half the play, in the input's unit", above=0)
 
     def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
         return specimen.stop(x, self.threshold)
 
+    def charge(self, specimen: EquationBuilder, factor: Any) -> Row:
+        """Charge of a capacitor beside C v that is `factor` (F) times the stop of its voltage."""
+        stiff = specimen.transducer.capacitance + factor
+        return factor / stiff * specimen.stop(specimen.q - specimen.strain_charge, stiff * self.threshold)
+
     def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
         s, _ = terms.own("stop")
-        return [Product(0.5 * factor, s, s)]
+        if port == RATE:
+            return [Product(0.5 * factor, s, s)]
+        # Of w^2/(2 C) + g s^2/2 what C v^2/2 has not, with v = w/C + g s.
+        share = terms.transducer.capacitance * _softer(factor, terms)
+        return [Product(0.5 * _softer(factor, terms) * (1.0 + share), s, s), Product(-share, x, s)]
 
     def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
         s, ds = terms.own("stop")
-        return [Product(factor, s, dx - ds)]
+        if port == RATE:
+            return [Product(factor, s, dx - ds)]
+        return [Product(_softer(factor, terms), s, terms.capacitor_current - ds)]
+
+
+def _softer(factor: Any, terms: EnergyRows) -> Any:
+    """Voltage per charge that a capacitor with play has more of within the play than beyond it, 1/F."""
+    capacitance = terms.transducer.capacitance
+    return 1.0 / (capacitance + factor) - 1.0 / capacitance
 
 
 @dataclass(frozen=True, kw_only=True)
