@@ -16,7 +16,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import LinearShunt, Open, Resistor, Short, Shunt
+from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.equations.laws import (
     charge_law,
@@ -149,7 +149,7 @@ class RecordModel:
     def _write(self, shunt: Shunt | None) -> None:
         """Write all equations, in rows of the present width."""
         transducer = self.transducer
-        self._open = isinstance(shunt, Open)  # there is no load to conduct
+        self._loaded = shunt is None or shunt.loaded
         self._used = 0
         self.drive, self.drive_rate, self.one, self.time = (self._column() for _ in INPUTS)
         self._states: list[tuple[str, Row, Row, complex]] = []
@@ -221,7 +221,7 @@ class RecordModel:
 
     def conduct(self, row: Row) -> None:
         """Add a current through the load, which its sensor sees, A."""
-        if not self._open:
+        if self._loaded:
             self._conducted.append(row)
 
     def read(self, row: Row, channel: str = "displacement") -> None:

@@ -135,7 +135,7 @@ def estimate_operating_point(
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(system, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
-    drive, loaded = "base_acceleration" if excitation.base else "force", not isinstance(system.shunt, Open)
+    drive, loaded = "base_acceleration" if excitation.base else "force", system.shunt.loaded
     terms = Terms(transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
     begins = start.values if start else _rest(system, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0

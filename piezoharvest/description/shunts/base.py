@@ -30,6 +30,7 @@ class Shunt(Component):
     source: ClassVar[str]
     mirrors: ClassVar[bool] = True  # swapped leads make no difference
     shorts: ClassVar[bool] = False  # it holds the electrode voltage at zero
+    loaded: ClassVar[bool] = True  # there is a load that may conduct
     sampled: ClassVar[bool] = False  # a controller acts at samples, with whose loop `linear.sampled` deals
     tracks: ClassVar[bool] = False  # it is at work as `tracked`, by the voltage of open electrodes
     unrecorded: ClassVar[str] = ""  # why no measured record may have it, in words

@@ -14,7 +14,6 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.cold_start import with_start
 from piezoharvest.description.shunts.curves.curved import with_curves
-from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
@@ -68,8 +67,8 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
         raise ParameterError("transducer.modes", message)
-    loaded = not isinstance(system.shunt, Open)
-    terms = Terms(system.transducer, drive, passes=record is not None, size=excitation.size, loaded=loaded)
+    passes, loaded = record is not None, system.shunt.loaded
+    terms = Terms(system.transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
     layout = Layout(system, terms, signal, preloaded=bool(np.any(excitation.rest)))
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.electrode.capacitance

@@ -15,6 +15,7 @@ class Open(LinearShunt):
 
     kind: ClassVar[str] = "open"
     source: ClassVar[str] = "IEEE Std 176-1987"
+    loaded: ClassVar[bool] = False
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [port.i]
