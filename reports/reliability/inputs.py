@@ -69,13 +69,22 @@ def attempt_input(seed: int) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _limited_memory() -> Iterator[None]:
-    """Limit the memory of this process, and of those that it starts meanwhile."""
+    """Limit the memory that this process takes in addition, and that of those that it starts meanwhile.
+
+    In what a process of the tests has already, there would be no room for a thread, whose start then waits forever.
+    """
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, before[1]))
+    resource.setrlimit(resource.RLIMIT_DATA, (_taken() + MEMORY, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _taken() -> int:
+    """Bytes of data that this process has, as the system counts them for the limit."""
+    status = Path("/proc/self/status").read_text()
+    return 1024 * int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmData")))
 
 
 def _of_file(rng: random.Random, folder: Path) -> dict[str, Any]:
