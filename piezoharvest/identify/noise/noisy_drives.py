@@ -53,6 +53,7 @@ def noisy_drives(signal: Signal, true: np.ndarray, sigma: float, count: int) -> 
         Number of realisations.
     """
     known = _KNOWN.get(signal, [])
-    found = next((each for each in known if each.sigma == sigma), None) or _Realisations(true, sigma)
+    same = (each for each in known if each.sigma == sigma and np.array_equal(each.true, true))
+    found = next(same, None) or _Realisations(true, sigma)
     _KNOWN[signal] = [found, *(each for each in known if each is not found)][:NOISES]
     return found.each(count)

@@ -11,6 +11,7 @@ from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Capacitor, Electrodes, Load, Reading, Spring
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.law_fits import law_parameters
 from piezoharvest.diagnose.discovery.result import as_json, discovery
 from piezoharvest.predict.discrete_model import setting_of
@@ -102,6 +103,14 @@ def test_a_capacitor_with_play_has_the_charge_of_its_stop(shunt):
     drawn = cumulative_simpson(waves.current, x=waves.time, initial=0.0)
     np.testing.assert_allclose(charge, -drawn, rtol=0, atol=1e-6 * device.capacitance * np.ptp(v))
     assert np.abs(factor * stop).max() > 0.01 * np.abs(device.capacitance * v).max()
+
+
+@pytest.mark.parametrize("factor", [-1.0, -1.5])
+def test_a_capacitor_with_more_play_than_capacitance_is_refused(factor):
+    law = Law(place=Capacitor(), form=Line(factor=factor * BEAM["capacitance"]), memory=Play(threshold=2.0))
+    system = System(Transducer(**BEAM, effects=(law,)), Open())
+    with pytest.raises(ParameterError, match="must be above minus its capacitance"):
+        simulate(system, SineForce(amplitude=0.3, frequency=45.0))
 
 
 def test_a_reading_with_a_memory_moves_nothing():

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Product, Row
-from piezoharvest.description.parameters import Component, quantity
+from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 
 RATE, CHARGE, DIRECT = "rate", "charge", "direct"
@@ -67,7 +67,10 @@ class Play(Memory):
 
     def charge(self, specimen: EquationBuilder, factor: Any) -> Row:
         """Charge of a capacitor beside C v that is `factor` (F) times the stop of its voltage."""
-        stiff = specimen.transducer.capacitance + factor
+        stiff: Any = specimen.transducer.capacitance + factor
+        if not np.all(np.real(stiff) > 0.0):
+            found = f"found {np.real(factor).min():g} F with a play of the capacitor"
+            raise ParameterError("factor", f"{found}, must be above minus its capacitance")
         return factor / stiff * specimen.stop(specimen.q - specimen.strain_charge, stiff * self.threshold)
 
     def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
