@@ -69,7 +69,7 @@ class Play(Memory):
         """Charge of a capacitor beside C v that is `factor` (F) times the stop of its voltage."""
         stiff: Any = specimen.transducer.capacitance + factor
         if not np.all(np.real(stiff) > 0.0):
-            found = f"found {np.real(factor).min():g} F with a play of the capacitor"
+            found = f"found {np.asarray(np.real(factor), float).min():g} F with a play of the capacitor"
             raise ParameterError("factor", f"{found}, must be above minus its capacitance")
         return factor / stiff * specimen.stop(specimen.q - specimen.strain_charge, stiff * self.threshold)
 
