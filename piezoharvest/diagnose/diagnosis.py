@@ -100,9 +100,10 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
         moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
             return moving
-    if found.before.held:
+    explained_there = _explained(found, progress)
+    if explained_there is None and found.before.held:
         return _explained(_begun_anew(found, found.campaign.transducer), progress) or found
-    return _explained(found, progress) or found
+    return explained_there or found
 
 
 def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
@@ -155,10 +156,13 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     if any(map(is_implausible, deviating)):
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
-    named = tuple(named_effect(trials.problem, more.search, n, more.squares) for n in more.known)
-    earlier = tuple(each for each in found.effects if each.effect.name in more.kept)
+    named = tuple(
+        named_effect(trials.problem, more.search, n, more.squares) for n in (*range(len(more.kept)), *more.known)
+    )
+    gains = {each.effect.name: each.gain for each in found.effects}
+    named = tuple(replace(each, gain=gains.get(each.effect.name, each.gain)) for each in named)
     return replace(
-        found, verdict=more.verdict, effects=(*earlier, *named),
+        found, verdict=more.verdict, effects=named,
         alternatives=alternatives, estimates=estimates,
         validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
         unseen=more.unseen, deviating=deviating, discovery=more.discoveries,

@@ -9,17 +9,19 @@ from functools import cached_property
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Memory, Play
+from piezoharvest.description.effects.nameless.memory import Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.parameters import Component, ParameterError
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.model import inner_values
+from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.output_error import fit, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
@@ -30,6 +32,8 @@ ITERATIONS = 40  # of a full fit: one that takes more is far from its place
 SMOOTHING_ROUNDS = 3  # of fit and smoothness
 SAME_DEVIATION = 2.0  # ratio of deviations from which on a law is fitted anew: less hardly changes a curve
 TABLES = (Corners, Bends)
+# Parameters of the model that are straight lines at a place.
+OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +259,28 @@ def without_effect(problem: Problem, found: Fit, n: int) -> Fit | None:
     less = replace(
         model, transducer=replace(model.transducer, effects=(*effects[:n], *effects[n + 1 :])), parameters=moved
     )
+    less = replace(less, transducer=_with_static_part(less, effects[n]))
     nuisance = nuisance_for_model(problem, model, found.nuisance, less)
     try:
         again = fit(problem, less, nuisance, found.noise, estimate_noise=False, enough=FIT_TOLERANCE)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
     return again if again.converged else None
+
+
+def _with_static_part(model: Model, effect: Effect) -> Transducer:
+    """The transducer, to whose own parameter what a lost memory did at low frequencies is added.
+
+    Of one that is faster than all records only that was left, so that a fit from there begins near its end.
+    """
+    device = model.transducer
+    if not (isinstance(effect, Law) and isinstance(effect.memory, Relaxation | Resonance) and effect.place.name in OWN):
+        return device
+    assert isinstance(effect.form, Line)
+    name = OWN[effect.place.name]
+    value = getattr(device, name) + (0.0 if effect.memory.behind else effect.form.factor)
+    fitted = (name,) in {p.path for p in model.parameters}
+    return put(device, (name,), value) if fitted and value > 0.0 else device
 
 
 def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from piezoharvest.description.effects import DiodeDropError, Effect
+from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
@@ -17,8 +19,10 @@ from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
 from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
+from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.predict.prediction import PredictionError
@@ -47,7 +51,7 @@ class Explained:
         Share of the residual variance above the noise.
     unseen : tuple of ResidualTest
     kept : tuple of str
-        Names of the effects that were found on the way and are in the model, too.
+        Names of other effects in the model, found on the way or with the law.
     """
 
     verdict: str
@@ -79,30 +83,60 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     if not can_search(problem):
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
-    for start in (nominal.found if nominal else done.base, *([done.final] if done.nested else [])):
+    starts = [*([nominal.found] if nominal else []), done.base, *([done.final] if done.nested else [])]
+    for begun in starts:
+        start = _with_drop_free(trials, begun)
         found = found_laws(campaign, before, problem, start, progress)
         if found is not None:
-            kept = tuple(range(done.given_effects, len(start.model.transducer.effects)))
-            found, kept = without_riders(campaign, before, problem, found, kept, progress)
+            found = _with_all_free(campaign, before, problem, found)
+            beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
+            found, kept = without_riders(campaign, before, problem, found, beside, progress)
             return _as_diagnosed(campaign, before, problem, done, found, kept)
     return None
 
 
+def _with_drop_free(trials: CandidateFits, start: Fit) -> Fit:
+    """The fit with the drop of its diodes free: a law there is a voltage that begins at zero, beside a constant."""
+    shunts = [data.setting.shunt for data in trials.problem.data if isinstance(data, Data)]
+    drops = [shunt.diode_drop for shunt in shunts if has_diodes(shunt)]
+    if not drops or DiodeDropError.name in EffectChange(start).effects:
+        return start
+    free = trials.extended(EffectChange(start), DiodeDropError(diode_drop=drops[0]), np.inf)
+    return start if free is None else free.found
+
+
 @dataclass(frozen=True, eq=False)
 class _Laws:
-    """Laws that were found one after the other, and the squares on unseen records before each and after the last."""
+    """Laws that were found one after the other, and the squares on unseen records before each and after the last.
+
+    `base` are those of the model without any effect.
+    """
 
     found: tuple[Found, ...]
+    base: tuple[float, float]
     squares: tuple[tuple[float, float], ...]
     unseen: Problem
     check: Fit
 
-    def with_final(self, final: Fit, squares: tuple[float, float], check: Fit) -> _Laws:
-        """The same laws in another last fit."""
-        return replace(
-            self, found=(*self.found[:-1], self.found[-1].with_final(final)), squares=(*self.squares[:-1], squares),
-            check=check,
-        )  # fmt: skip
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the last fit, the laws behind the others."""
+        return self.found[-1].final.model.transducer.effects
+
+    @property
+    def earlier(self) -> range:
+        """Numbers of the laws before the last."""
+        return range(len(self.effects) - len(self.found), len(self.effects) - 1)
+
+    def in_fit(self, final: Fit, unseen: Problem, check: Fit, lost: int | None = None) -> _Laws:
+        """The laws in another fit, which may not have one of the effects, a law or another."""
+        found, before = list(self.found), list(self.squares[:-1])
+        if lost is not None and lost in self.earlier:
+            k = lost - self.earlier.start
+            del found[k], before[k + 1]
+        found[-1] = found[-1].with_final(final)
+        squares = (*before, whitened_squares(unseen, check))
+        return replace(self, found=tuple(found), squares=squares, unseen=unseen, check=check)
 
 
 def found_laws(
@@ -130,37 +164,63 @@ def found_laws(
 
 
 def without_riders(
-    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, kept: tuple[int, ...],
+    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, beside: tuple[int, ...],
     progress: Callable[[str], None],
-) -> tuple[_Laws, tuple[int, ...]]:  # fmt: skip
-    """Laws without the effects found on the way that do nothing for unseen records, and the numbers of those that do.
+) -> tuple[_Laws, dict[int, float]]:  # fmt: skip
+    """Laws without what does nothing for unseen records, and the numbers and p-values of effects `beside` that do.
 
-    Before a dominant law was known, an effect may have taken a little of its place.
+    Before a dominant law was known, an effect, or a law found earlier, may have taken a little of its place.
     """
-    for n in reversed(kept):
-        final = laws.found[-1].final
-        less = without_effect(problem, final, n)
-        if less is None:
-            continue
-        try:
-            unseen, (_, check) = validated(campaign, before, [before.found, less])
-        except PredictionError:  # the records need it
-            continue
-        squares, (first, count) = whitened_squares(unseen, check), laws.squares[0]
-        scatter = thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
-        if squares[0] - laws.squares[-1][0] < max(thresholds.MIN_EXPLAINED_SHARE * (first - count), scatter):
-            progress(f"{final.model.transducer.effects[n].name} does nothing for records that were not fitted")
-            laws = laws.with_final(less, squares, check)
-            kept = tuple(m - (m > n) for m in kept if m != n)
+    kept: dict[int, float] = {}
+    for n in reversed((*beside, *laws.earlier)):
+        final, effect = laws.found[-1].final, laws.effects[n]
+        decrease, less = np.inf, without_effect(problem, final, n)
+        if less is not None:
+            decrease, shorter = less.cost - final.cost, _without(campaign, before, laws, n, less)
+            if shorter is not None:
+                progress(f"{effect.name} does nothing for records that were not fitted")
+                laws = shorter
+                kept = {m - (m > n): p for m, p in kept.items()}
+                continue
+        if n in beside:
+            kept[n] = float(chi2.sf(decrease, sum(p.path[:2] == ("effects", n) for p in final.model.parameters)))
     return laws, kept
+
+
+def _without(campaign: Campaign, before: Identification, laws: _Laws, n: int, less: Fit) -> _Laws | None:
+    """The same laws in a fit without the n-th effect, where this does nothing for unseen records; else None."""
+    try:
+        unseen, (_, check) = validated(campaign, before, [before.found, less])
+    except PredictionError:  # the records need it
+        return None
+    squares, (first, count) = whitened_squares(unseen, check), laws.squares[0]
+    scatter = thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
+    if squares[0] - laws.squares[-1][0] >= max(thresholds.MIN_EXPLAINED_SHARE * (first - count), scatter):
+        return None
+    return laws.in_fit(less, unseen, check, n)
+
+
+def _with_all_free(campaign: Campaign, before: Identification, problem: Problem, laws: _Laws) -> _Laws:
+    """The laws in a fit in which parameters are free that were held while something was missing."""
+    final = laws.found[-1].final
+    model = replace(final.model, parameters=(*before.held, *final.model.parameters))
+    if not before.held:
+        return laws
+    nuisance = nuisance_for_model(problem, final.model, final.nuisance, model)
+    try:
+        free = fit(problem, model, nuisance, final.noise)
+        unseen, (_, check) = validated(campaign, before, [before.found, free])
+    except (PredictionError, np.linalg.LinAlgError):
+        return laws
+    return laws.in_fit(free, unseen, check) if free.converged else laws
 
 
 def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
     """Laws with the squares that they leave of unseen records."""
     fits = [start, *(each.final for each in found)]
     unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
-    checks = checks[-len(fits) :]
-    return _Laws(found, tuple(whitened_squares(unseen, each) for each in checks), unseen, checks[-1])
+    squares = [whitened_squares(unseen, each) for each in checks]
+    return _Laws(found, squares[0], tuple(squares[-len(fits) :]), unseen, checks[-1])
 
 
 def _much_is_left(laws: _Laws) -> bool:
@@ -181,18 +241,18 @@ def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[f
 
 
 def _as_diagnosed(
-    campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws, kept: tuple[int, ...]
+    campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws, kept: dict[int, float]
 ) -> Explained:
-    """What a diagnosis becomes; `kept` are the numbers in the last fit of the effects found on the way."""
+    """What a diagnosis becomes; `kept` are the numbers of other effects in the last fit, and their p-values."""
     final, close = laws.found[-1].final, [rival for each in laws.found for rival in each.close]
     given, earlier = done.given_effects, len(kept)
-    named = tuple(final.model.transducer.effects[n].name for n in kept)
-    p_values = dict(zip((effect.name for effect in done.order), done.p_values, strict=True))
+    kept = dict(sorted(kept.items()))
+    named = tuple(laws.effects[n].name for n in kept)
     extended = replace(
         done,
         nested=(*(laws.found[0].start,) * earlier, *(each.final for each in laws.found)),
         order=final.model.transducer.effects[given:],
-        p_values=(*(p_values[name] for name in named), *map(_p_value, laws.found)),
+        p_values=(*kept.values(), *map(_p_value, laws.found)),
         left=failed_tests(problem, final),
         alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
     )
@@ -201,7 +261,7 @@ def _as_diagnosed(
     squares, count = laws.squares[-1]
     return Explained(
         "ambiguous" if close else "new_effect" if discoveries else "effect", discoveries, known,
-        (*(laws.squares[:1] * earlier), *laws.squares), extended,
+        ((laws.base,) * earlier + laws.squares), extended,
         combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
         failed_on(laws.unseen, laws.check), named,
     )  # fmt: skip

@@ -137,6 +137,6 @@ def test_an_effect_that_does_nothing_for_unseen_records_beside_a_law_is_dropped(
     )
     assert with_it.found[-1].final.model.transducer.effects[0].name == "stiffening"
     (law,) = without.found[-1].final.model.transducer.effects
-    assert (law.name, kept) == ("load knee", ())
+    assert (law.name, kept) == ("load knee", {})
     assert law.form.knee == pytest.approx(2.19, abs=0.01)
     assert without.squares[-1][0] < 1.01 * with_it.squares[-1][0]

@@ -32,15 +32,13 @@ from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
-from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted, without_law
+from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.parameters import put
 
 SAMPLES = 400  # inputs at which formula and table are compared
-# Parameters of the model that are straight lines at a place.
-OWN = {"spring": "stiffness", "damper": "damping", "capacitor": "capacitance", "coupling": "coupling"}
 # Formulas, the closest to the table, that are fitted in the model; more where the table is too coarse for the curve, so
 # that it leaves more than noise and closeness to it tells little.
 REFITTED, REFITTED_BEYOND_TABLE = 3, 6
