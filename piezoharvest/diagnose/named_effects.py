@@ -99,6 +99,9 @@ def named_effect(problem: Problem, search: Search, n: int, squares: Sequence[tup
             slope = value**2 if parameter.scaling == "reciprocal" else parameter.slope(inner)
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
+    if not values and not effect.scanned and not is_line(effect):  # held, as another law does what it would do
+        field = type(effect).strength()
+        values[field.name] = (float(getattr(effect, field.name)), None, field.metadata["unit"])
     if is_line(effect):
         values["amplitude"] = (*line_amplitude(problem, final, search.given_effects + n, scatter), "")
     if effect.scanned:

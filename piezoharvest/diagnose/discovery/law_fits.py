@@ -30,6 +30,7 @@ from piezoharvest.predict.prediction import PredictionError
 FIT_TOLERANCE = 0.5  # of -2 ln L, as of other trial fits
 ITERATIONS = 40  # of a full fit: one that takes more is far from its place
 SMOOTHING_ROUNDS = 3  # of fit and smoothness
+AT_END = 1e-3  # of a logarithm: closer to the end of its range a fit was stopped there
 SAME_DEVIATION = 2.0  # ratio of deviations from which on a law is fitted anew: less hardly changes a curve
 TABLES = (Corners, Bends)
 # Parameters of the model that are straight lines at a place.
@@ -75,6 +76,20 @@ class LawFit:
         """Columns of the law's parameters."""
         path = "effects", self.index % len(self.found.model.transducer.effects)
         return [k for k, p in enumerate(self.found.model.parameters) if p.path[:2] == path]
+
+    @property
+    def memory_at_its_end(self) -> bool:
+        """True if a time or frequency of its memory, or a damping at a port, has gone to the end of its range.
+
+        What is faster or slower than all records is a straight line. A sensor's filter may well be critically damped.
+        """
+        values, parameters = inner_values(self.found.model), self.found.model.parameters
+        ends = [
+            (values[k], (parameters[k].lower, parameters[k].upper))
+            for k in self.own
+            if parameters[k].path[2] == "memory" and (self.place.port or parameters[k].path[3] != "damping_ratio")
+        ]
+        return any(np.any(np.isclose(value, bounds, rtol=0.0, atol=AT_END)) for value, bounds in ends)
 
     @cached_property
     def normal(self) -> tuple[np.ndarray, np.ndarray]:

@@ -139,7 +139,9 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         if found is None:
             continue
         progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
-        if takes_energy(problem, found, start.cost - found.found.cost):
+        if found.memory_at_its_end:
+            progress("there it would resonate or relax outside the range that was looked at, so that it does neither")
+        elif takes_energy(problem, found, start.cost - found.found.cost):
             done.append(found)
         else:
             progress(f"there it would give energy, so that it is no law of the {found.place.name}")

@@ -98,6 +98,24 @@ class Shape(Curve):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Shockley(Curve):
+    """Voltage of a diode over its forward current: a log(1 + i/s) + R i, with a = n V_T, s = I_s and a resistance R.
+
+    Source: Sze & Ng, Physics of Semiconductor Devices, 2007, section 2.3.
+    """
+
+    label: ClassVar[str] = "shockley"
+
+    factor: float = quantity("", "voltage a by which the current grows by a factor of e", null=0.0)
+    scale: float = quantity("", "saturation current s", above=0)
+    resistance: float = quantity("ohm", "series resistance R", at_least=0)
+
+    def values(self, x: np.ndarray) -> Array:
+        x = np.asarray(x)
+        return self.factor * np.log(1.0 + x / self.scale) + self.resistance * x
+
+
+@dataclass(frozen=True, kw_only=True)
 class Coulomb(Curve):
     """Dry friction a x/sqrt(x^2 + w^2): a constant against the motion, rounded off within a width about zero.
 

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from piezoharvest.description.effects import DiodeDropError
+from piezoharvest.description.effects.nameless.circuit_places import Diode
 from piezoharvest.description.effects.nameless.forms import (
     Bends,
     Corners,
@@ -29,14 +31,15 @@ from piezoharvest.description.effects.nameless.forms import (
     outward,
 )
 from piezoharvest.description.effects.nameless.places import SIZES
-from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
+from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Shockley, Stribeck
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.predict.parameters import put
+from piezoharvest.predict.parameters import Path, put, value_at
 
 SAMPLES = 400  # inputs at which formula and table are compared
 # Formulas, the closest to the table, that are fitted in the model; more where the table is too coarse for the curve, so
@@ -86,32 +89,46 @@ def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
     most = REFITTED_BEYOND_TABLE if coarse else REFITTED
-    some = candidates(table, pieces)[:most] if isinstance(table.form, TABLES) else []
+    every = candidates(table, pieces) if isinstance(table.form, TABLES) else []
+    some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
     for each in some:
-        if problem.needs_engine and each.criterion > FARTHER * some[0].criterion:
+        own = isinstance(each.form, Shockley)  # of a diode, whose table is too coarse near no current to tell
+        if problem.needs_engine and not own and each.criterion > FARTHER * some[0].criterion:
             continue
         # From a coarse table a formula begins far away, and how its fit goes on is not seen from its first steps.
         best = np.inf if coarse else min(one.criterion for one in tried) + thresholds.CLOSE_COST
-        law = dataclasses.replace(table.law, form=each.form)
-        found = fitted(problem, _beside(table, each.form), law, table.visited, aim=best)
+        start, form = _begun(table, each.form)
+        found = fitted(problem, start, dataclasses.replace(table.law, form=form), table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
 
 
-def _beside(table: LawFit, form: Form) -> Fit:
-    """The fit without its table, the parameter less by the straight line that a formula has, not the table.
+def _begun(table: LawFit, form: Form) -> tuple[Fit, Form]:
+    """The fit without its table, from which that of a formula begins near its end, and the formula to begin with.
 
-    A fit from there begins near its end; else it would have to find both at once.
+    The parameter of the model is less by the straight line that a formula has, not the table. At a diode it is the
+    constant drop, which is free beside a law there; Shockley's diode has none, but a lower saturation current.
     """
-    bare, name = without_law(table), OWN.get(table.place.name)
+    bare, loss, place = without_law(table), _Loss(table), table.place
     transducer = bare.model.transducer
-    if name is None or (name,) not in {p.path for p in bare.model.parameters}:
-        return bare
-    value = getattr(transducer, name) - _Loss(table).line(form)
-    if not value > 0.0 and name != "coupling":
-        return bare
-    moved = dataclasses.replace(bare.model, transducer=put(transducer, (name,), value))
-    return dataclasses.replace(bare, model=moved)
+    path = drop_path(transducer) if place.in_circuit else (OWN.get(place.name, ""),)
+    if path not in {p.path for p in bare.model.parameters}:
+        return bare, form
+    value = value_at(transducer, path) - (loss.constant(form) if place.in_circuit else loss.line(form))
+    free = bare.model.parameters
+    if isinstance(form, Shockley):  # a drop beside it would be its saturation current in other words
+        form, value = dataclasses.replace(form, scale=form.scale * np.exp(-value / form.factor)), 0.0
+        free = tuple(p for p in free if p.path != path)
+    elif not value > 0.0 and path != ("coupling",):
+        return bare, form
+    moved = dataclasses.replace(bare.model, transducer=put(transducer, path, value), parameters=free)
+    return dataclasses.replace(bare, model=moved), form
+
+
+def drop_path(transducer: Transducer) -> Path:
+    """Path of the free drop of diodes; empty where their label is trusted."""
+    effects = transducer.effects
+    return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
 
 
 class _Loss:
@@ -126,8 +143,10 @@ class _Loss:
         sides, bent = outward(form.knots), isinstance(form, Bends)
         pieces = np.maximum(sides * (self.x[:, None] - np.array(form.knots)), 0.0)
         pieces = 0.5 * pieces**2 if bent else pieces
-        # A voltage in a circuit begins at zero, with the current of the part; elsewhere a constant goes with offsets.
-        free = [] if table.place.in_circuit else [np.ones(len(self.x))]
+        # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
+        # beside it; elsewhere a constant goes with offsets.
+        fixed = table.place.in_circuit and not drop_path(table.found.model.transducer)
+        free = [] if fixed else [np.ones(len(self.x))]
         self.basis = np.column_stack([pieces, *free, *([self.x] if table.place.bent else [])])
         inside, right = table.normal
         values, vectors = np.linalg.eigh(inside)
@@ -148,6 +167,10 @@ class _Loss:
     def line(self, form: Form) -> float:
         """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
         return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
+
+    def constant(self, form: Form) -> float:
+        """Constant in a formula, likewise."""
+        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[len(self.kinks)])
 
     def closest(self, make: Made, start: np.ndarray) -> FittedFormula | None:
         """The member of a family closest to the table; its first value is a factor that the law is linear in."""
@@ -238,6 +261,11 @@ def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
             for share in shares
             for sign in both
         ]
+    if isinstance(place, Diode):
+        make = lambda z: Shockley(  # noqa: E731
+            factor=z[0], scale=size * np.exp(z[1]), resistance=z[0] * z[2] / size, knots=dense
+        )
+        yield [(make, np.array([np.log(share), 0.1])) for share in SATURATION_CURRENTS]
     if place.input in ("velocity", "displacement_rate"):
         width = WIDTH * size
         yield [(lambda z: Coulomb(factor=z[0], width=width, knots=dense), np.zeros(0))]
