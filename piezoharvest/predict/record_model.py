@@ -320,7 +320,8 @@ class RecordModel:
             if du is None:
                 self._force = spring(mode, x, u, self.v_t, pushes)
                 continue
-            driven = none if self.drive_name == "voltage" else drive_gain(mode, base) * self.drive
+            acts = self.drive - sum(self._read.get(self.drive_name, []), none)  # without what its sensor shows besides
+            driven = none if self.drive_name == "voltage" else drive_gain(mode, base) * acts
             self.equation(momentum(mode, x, u, du, self.v_t, driven + pushes))
 
     def matrices(self) -> Matrices:

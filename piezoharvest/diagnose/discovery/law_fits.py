@@ -23,7 +23,7 @@ from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.output_error import fit, inverse, linearised
-from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, numbered
 from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
@@ -235,6 +235,8 @@ def fitted(
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
             return done
+        if not np.all(np.isfinite(found.information)):  # at values where the model overflows
+            return done
         done = LawFit(found, visited)
         if not isinstance(law.form, TABLES):
             return done
@@ -247,16 +249,19 @@ def fitted(
     return done
 
 
-def without_law(some: LawFit) -> Fit:
+def without_law(problem: Problem, some: LawFit) -> Fit:
     """The fit without its law: a start for another one, whose parameters are those with the law."""
     found, model = some.found, some.found.model
     kept = tuple(p for k, p in enumerate(model.parameters) if k not in some.own)
     effects = model.transducer.effects[:-1]
     bare = replace(model, transducer=replace(model.transducer, effects=effects), parameters=kept, felt=None)
-    places = [k for k in range(len(found.information)) if k not in some.own]
+    names = [(numbered(problem.nuisance_names(each, data)) for data in problem.data) for each in (model, bare)]
+    stays = [name in after for before, after in zip(*names, strict=True) for name in before]  # no state of its memory
+    places = [k for k in range(len(model.parameters)) if k not in some.own]
+    places += [len(model.parameters) + k for k, same in enumerate(stays) if same]
     return replace(
-        found, model=bare, information=found.information[np.ix_(places, places)],
-        prior=found.prior[np.ix_(places, places)],
+        found, model=bare, nuisance=nuisance_for_model(problem, model, found.nuisance, bare),
+        information=found.information[np.ix_(places, places)], prior=found.prior[np.ix_(places, places)],
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
+from piezoharvest.diagnose.discovery.places import ACTING
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
 from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.diagnose.selection.score_tests import extended
@@ -43,7 +44,9 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
     own = isinstance(place, Reading) and place.of == place.channel
     if not (own or place.port):
         return []
-    kinds = _of_sensor(place, visited, scales) if own else _of_port(place, visited, scales, device)
+    kinds = list(_of_sensor(place, visited, scales) if own else _of_port(place, visited, scales, device))
+    if place.name.removeprefix("reading.") in ACTING:  # a late drive is late channels
+        kinds = [each for each in kinds if not isinstance(each, Delay)]
     return [Law(place=place, form=Line(factor=0.0), memory=each) for each in kinds]
 
 

@@ -26,6 +26,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
 
 MIN_DIFFERENCE = 0.05  # of amplitude or frequency, relative: a law over less is told by no other record
+ACTING = ("force", "base_acceleration")  # drives whose reading may be off, unless a circuit needs the engine
 READ_OF = ("displacement", "voltage", "current")  # what a reading may depend on, beside the drive, rates and time
 
 
@@ -40,6 +41,8 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     moving = [of for of in ("time", *SIZES) if of in visited and _differs(visited[of])]
     names = [name for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
     inside += [OverTime(name, of) for name in names for of in moving]
+    drives = dict.fromkeys(data.drive for data in records if data.drive in ACTING and not problem.needs_engine)
+    inside += [Reading(drive, drive) for drive in drives]
     return [place for place in (*inside, *_readings(records)) if place.input in visited]
 
 

@@ -154,7 +154,7 @@ def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
     There a score tells more than at the start, from which a fit may take minutes: without a law the parameters have
     gone far to make up for it.
     """
-    bare = without_law(best)
+    bare = without_law(problem, best)
     explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
         float(part.squares.sum()) for part in best.found.sums
     )

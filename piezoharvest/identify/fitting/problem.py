@@ -161,14 +161,14 @@ def nuisance_for_model(
     """
     found = []
     for data, mine in zip(problem.data, nuisance, strict=True):
-        old = _numbered(problem.nuisance_names(before, data))
+        old = numbered(problem.nuisance_names(before, data))
         values = dict(zip(old, mine, strict=True))
         past = next((value for (name, _), value in reversed(values.items()) if name.startswith("history")), 0.0)
         found.append(
             np.array(
                 [
                     values.get(name, past if name[0].startswith("history") else 0.0)
-                    for name in _numbered(problem.nuisance_names(after, data))
+                    for name in numbered(problem.nuisance_names(after, data))
                 ]
             )
         )
@@ -195,9 +195,9 @@ def nuisance_for_problem(
     """
     found = []
     for old, new, mine, other in zip(before.data, after.data, nuisance, rest or after.start(model), strict=True):
-        values = dict(zip(_numbered(before.nuisance_names(model, old)), mine, strict=True))
+        values = dict(zip(numbered(before.nuisance_names(model, old)), mine, strict=True))
         units = {name: _unit(old, name) / _unit(new, name) for name in after.nuisance_names(model, new)}
-        names = _numbered(after.nuisance_names(model, new))
+        names = numbered(after.nuisance_names(model, new))
         kept = ((name, values.get(name), value) for name, value in zip(names, other, strict=True))
         found.append(np.array([value if known is None else known * units[name] for (name, _), known, value in kept]))
     return tuple(found)
@@ -235,7 +235,8 @@ def _unit(data: Data | FrequencyData, name: str) -> float:
     return {f"start {state}": size for state, size in sizes}.get(name, 1.0)
 
 
-def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
+def numbered(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Names with the number of each among those that are the same."""
     return [(name, list(names[:k]).count(name)) for k, name in enumerate(names)]
 
 

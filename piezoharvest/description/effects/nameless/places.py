@@ -189,7 +189,10 @@ class Coupling(Place):
 
 @dataclass(frozen=True)
 class Reading(Place):
-    """What the sensor of a channel shows beside the true value: a function of it, of another one, a rate, or time."""
+    """What the sensor of a channel shows beside the true value: a function of it, of another one, a rate, or time.
+
+    Of the channel that drives a record it is a function of what is shown, and the rest acts on the specimen.
+    """
 
     bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
 
@@ -218,7 +221,7 @@ class Reading(Place):
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         x = input_row(specimen, self.of)
-        if x is not None and self.channel != specimen.drive_name:
+        if x is not None:
             specimen.read(form.row(specimen, x), self.channel)
 
 

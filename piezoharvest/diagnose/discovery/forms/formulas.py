@@ -97,19 +97,19 @@ def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
             continue
         # From a coarse table a formula begins far away, and how its fit goes on is not seen from its first steps.
         best = np.inf if coarse else min(one.criterion for one in tried) + thresholds.CLOSE_COST
-        start, form = _begun(table, each.form)
+        start, form = _begun(problem, table, each.form)
         found = fitted(problem, start, dataclasses.replace(table.law, form=form), table.visited, aim=best)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
 
 
-def _begun(table: LawFit, form: Form) -> tuple[Fit, Form]:
+def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
     """The fit without its table, from which that of a formula begins near its end, and the formula to begin with.
 
     The parameter of the model is less by the straight line that a formula has, not the table. At a diode it is the
     constant drop, which is free beside a law there; Shockley's diode has none, but a lower saturation current.
     """
-    bare, loss, place = without_law(table), _Loss(table), table.place
+    bare, loss, place = without_law(problem, table), _Loss(table), table.place
     transducer = bare.model.transducer
     path = drop_path(transducer) if place.in_circuit else (OWN.get(place.name, ""),)
     if path not in {p.path for p in bare.model.parameters}:

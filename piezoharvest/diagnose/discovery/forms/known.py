@@ -101,7 +101,7 @@ def named(problem: Problem, best: LawFit) -> Fit | None:
     """Fit with a known effect instead of a law, if one fits as well by Schwarz's criterion; else None."""
     if isinstance(best.form, TABLES):
         return None
-    bare = without_law(best)
+    bare = without_law(problem, best)
     for effect in known_effects(best.law, best.found.model.transducer):
         first = len(bare.model.transducer.effects)
         own = effect_parameters([effect], first)
