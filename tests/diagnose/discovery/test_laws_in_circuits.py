@@ -9,7 +9,7 @@ from piezoharvest import Transducer, diagnose
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line, Power
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.effects.nameless.shapes import Shape, Shockley
 from piezoharvest.description.shunts import SSDI, Rectifier, Resistor
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.diagnose.discovery.law_fits import law_parameters
@@ -69,6 +69,7 @@ FORMS = {
     "line": Line(factor=2e3),
     "knee": Knee(factor=3e3, knee=2e-5, sides=1),
     "power": TRUE["diode"],
+    "shockley": Shockley(factor=0.03, scale=1e-6, resistance=300.0, knots=(0.0, 1e-5)),
     "log": Shape(factor=0.03, scale=1e-5, curve="log", bent=False, knots=(0.0, 1e-5)),
 }
 
@@ -139,3 +140,35 @@ def test_the_part_is_found_with_its_law(name, tmp_path):
     shift = np.mean(law.value - wanted) if name == "diode" else 0.0
     assert np.mean(np.abs(law.value - wanted - shift) < 3.0 * law.std + 0.05 * np.abs(wanted).max()) > 0.95
     assert law.gain > 0.9
+
+
+SATURATION, EMISSION, SERIES = 1e-6, 0.045, 800.0  # A, V, ohm: of one diode
+
+
+def shockley_path(voltage):
+    """Current of two diodes with resistances in series: Newton's steps in the voltage of their junctions."""
+    if voltage <= 0.0:
+        return 0.0
+    bare = 2.0 * EMISSION
+    junctions = min(voltage, bare * np.log1p(voltage / (2.0 * SERIES) / SATURATION))
+    for _ in range(60):
+        grown = SATURATION * np.exp(junctions / bare)
+        step = (junctions + 2.0 * SERIES * (grown - SATURATION) - voltage) / (1.0 + 2.0 * SERIES * grown / bare)
+        junctions -= step
+        if abs(step) < 1e-13:
+            break
+    return SATURATION * np.expm1(junctions / bare)
+
+
+@pytest.mark.slow
+def test_diodes_of_a_constant_drop_by_their_label_are_found_to_follow_shockley(tmp_path):
+    """The label says 0.4 V whatever the current: that constant goes, and the whole curve takes its place."""
+    found = diagnose(switched_campaign(tmp_path, Laws(diode=shockley_path), ["rectifier"] * 3, true_drop=0.0))
+    assert found.verdict == "new_effect"
+    (law,) = found.discovery
+    assert law.place == "diode" and law.gain > 0.95
+    drops = [each.effect.diode_drop for each in found.effects if each.effect.name == "diode_drop_error"]
+    constant = drops[0] if drops else 0.4
+    i = law.input[law.input > 0.02 * law.input.max()]
+    curve = law.value[law.input > 0.02 * law.input.max()] + constant
+    assert curve == pytest.approx(EMISSION * np.log1p(i / SATURATION) + SERIES * i, abs=0.01)
