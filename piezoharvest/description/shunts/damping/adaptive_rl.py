@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_choice, described, quantity
-from piezoharvest.description.shunts.base import LinearShunt, Shunt
+from piezoharvest.description.shunts.base import Leads, LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.parallel_rl import ParallelRL
 from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 
@@ -75,15 +75,15 @@ class AdaptiveRL(Shunt):
             raise ParameterError("inductance", f"found {np.max(self.inductance):g} H, must be within {limits}")
 
     @classmethod
-    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
-        omega = 2 * np.pi * frequency
-        strain = ASSUMED_SHARE * omega * capacitance * voltage  # current, A
-        values = {
+    def assumed_if_named(cls, leads: Leads, values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+        capacitance, omega = leads.capacitance, 2 * np.pi * leads.frequency
+        strain = ASSUMED_SHARE * omega * capacitance * leads.open_voltage  # current, A
+        own = {
             "inductance": 1 / (omega**2 * capacitance), "resistance": 0.2 / (omega * capacitance),
-            "adaptation_rate": frequency / (ASSUMED_PERIODS * strain**2),
-            "averaging_time": AVERAGED_PERIODS / frequency,
+            "adaptation_rate": leads.frequency / (ASSUMED_PERIODS * strain**2),
+            "averaging_time": AVERAGED_PERIODS / leads.frequency,
         }  # fmt: skip
-        return values, f"adaptation over some {ASSUMED_PERIODS:g} periods, mean over {AVERAGED_PERIODS:g}"
+        return own, f"adaptation over some {ASSUMED_PERIODS:g} periods, mean over {AVERAGED_PERIODS:g}"
 
     @property
     def span(self) -> tuple[Any, Any]:
