@@ -101,6 +101,11 @@ ACTIVE = {
         "kind": "op_amp_negative_capacitance", "capacitance": 20e-9, "resistance": 2e5, "gain_bandwidth": 1e4,
         "saturation": 6.0,
     },
+    # Unstable at rest: it reaches its limit in a thousandth of a period, and goes on from one to the other.
+    "runaway": {
+        "kind": "op_amp_negative_capacitance", "capacitance": 200e-9, "resistance": 2e4, "gain_bandwidth": 1e5,
+        "saturation": 6.0,
+    },
 }  # fmt: skip
 
 
@@ -136,9 +141,9 @@ def test_active_capacitances_against_their_equations(kind):
         ends.terminal, ends.direction = True, -1
         inside = times[(times > begin) & (times <= times[-1])]
         run = solve_ivp(
-            rates, (begin, times[-1]), y, "DOP853", t_eval=inside, args=(held,), events=ends, rtol=1e-11, atol=1e-14
+            rates, (begin, times[-1]), y, "DOP853", t_eval=inside, args=(held,), events=ends, rtol=1e-11, atol=1e-25
         )  # fmt: skip
-        rows += [np.column_stack([run.t, run.y.T])]
+        rows += [np.column_stack([run.t, run.y.T])] if len(run.t) else []
         if run.status == 0:
             break
         begin, y = run.t_events[0][0], run.y_events[0][0]
@@ -146,8 +151,9 @@ def test_active_capacitances_against_their_equations(kind):
     wanted = np.vstack(rows)
     assert np.array_equal(wanted[:, 0], times[1:])
     assert error(found.displacement[1:], wanted[:, 1]) < PROMISED
-    assert error(found.voltage[1:], wanted[:, 3]) < PROMISED
-    if kind == "amplifier":
+    # A voltage on its way from limit to limit grows by a factor e in 2 us: 1e-5 is an instant off by 2e-11 s.
+    assert error(found.voltage[1:], wanted[:, 3]) < (1e-5 if kind == "runaway" else PROMISED)
+    if limit < np.inf:
         assert len(rows) > 20
 
 

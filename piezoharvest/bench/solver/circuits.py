@@ -35,6 +35,8 @@ class Circuit:
         Its timing, if it has one.
     smooth : bool
         It is nonlinear between events.
+    active : bool
+        It may feed energy into an oscillation that grows from rest.
     real_coil : bool
         Its coil may have a core loss and a self-resonance.
     turning, voltage : (instants,) array
@@ -47,6 +49,7 @@ class Circuit:
     surge = 0.0
     switch: Switch | None = None
     smooth = False
+    active = False
     real_coil = False
     turning: np.ndarray
     voltage: np.ndarray
@@ -173,6 +176,7 @@ class NegativeCapacitance(Circuit):
     capacitance: float
     resistance: float
     topology: str
+    active = True
 
     def __init__(self, shunt):
         super().__init__(shunt)
@@ -196,6 +200,7 @@ class OpAmpNegativeCapacitance(Circuit):
     gain_bandwidth: float
     saturation: float
     guard_count = 2
+    active = True
 
     def meet(self, capacitance):
         self.storage = (self.capacitance,)
