@@ -157,6 +157,43 @@ def test_active_capacitances_against_their_equations(kind):
         assert len(rows) > 20
 
 
+BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.6, "inductance": 0.01, "quality": 6.0}
+BREAKERS = {
+    "sshi": {"kind": "self_powered_sshi", "dc_voltage": 1.0},
+    "sshi smoothed": {"kind": "self_powered_sshi", "smoothing_capacitance": 24e-9, "load_resistance": 8e4},
+    "sshi with losses": {
+        "kind": "self_powered_sshi", "dc_voltage": 1.0, "diode_drop": 0.05, "diode_resistance": 3e3, "dc_leakage": 1e-6,
+        "diode_leakage": 1e-6, "core_resistance": 3e3,
+    },
+    "series": {
+        "kind": "self_powered_series_sshi", "smoothing_capacitance": 24e-9, "load_resistance": 8e4, "diode_drop": 0.05,
+        "breaker_drop": 0.2, "diode_resistance": 50.0,
+    },
+    "series with a core": {"kind": "self_powered_series_sshi", "dc_voltage": 0.3, "core_resistance": 3e3},
+    "sece": {"kind": "self_powered_sece", "diode_drop": 0.05, "core_resistance": 3e3},
+    "ssdi": {"kind": "self_powered_ssdi"},
+    "ssdi with a winding": {
+        "kind": "self_powered_ssdi", "diode_drop": 0.05, "core_resistance": 3e3, "switch_resistance": 30.0,
+        "self_resonance": 4e4,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BREAKERS)
+@pytest.mark.parametrize("hysteresis", [{}, {"hysteresis": STOPS}], ids=["plain", "hysteresis"])
+def test_electronic_breakers_as_in_the_engine(name, hysteresis):
+    """From rest; the engine's are held against closed forms and ngspice in shunts/test_self_powered."""
+    transducer = {**BENCH, **hysteresis}
+    study = {"transducer": transducer, "excitation": DRIVE, "shunts": [{**BREAKER, **BREAKERS[name]}]}
+    wanted = solve(study, transient=0.1, samples=400).waveforms
+    found = waves(DRIVE, study["shunts"][0], transducer, times=wanted.time)
+    assert wanted.event_names.count("switch closes") >= 7
+    for signal in ("displacement", "voltage"):
+        assert error(getattr(found, signal), getattr(wanted, signal)) < PROMISED
+    if np.any(found.dc_voltage > 0):
+        assert error(found.dc_voltage, wanted.dc_voltage) < PROMISED
+
+
 def test_a_gate_misses_no_pulse_that_is_shorter_than_a_sample():
     found = waves(DRIVE, SWITCHED["ssdi"], BENCH, length=0.1, rate=500.0)
     edges = np.flatnonzero(np.diff(found.gate) > 0) + 1

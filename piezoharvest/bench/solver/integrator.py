@@ -231,6 +231,7 @@ class Integrator:
             self.model.circuit.switch.turn(guard - timing, self.t, self._moment().v[0])
             return
         if guard < own:
+            self._moment()  # which the circuit watches
             self.model.circuit.fire(guard)
             self.model.circuit.blocked(self.y[self.model.own_rows.stop :])
             self.model.tie(self.t, self.y)
@@ -253,7 +254,7 @@ class Integrator:
             *((stop.row, m.rates[stop.row]) for stop in model.all_stops),
         ]:
             self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
-        of_circuit = self.peaks["A" if model.circuit.conducting else "V"]
+        of_circuit = self.peaks[model.circuit.guard_unit]
         of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
         self.guard_sizes = np.array(
             [of_circuit] * model.circuit.guard_count

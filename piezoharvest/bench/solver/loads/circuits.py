@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.bench.solver.switch import Switch
+from piezoharvest.bench.solver.loads.switch import Switch
 from piezoharvest.description.shunts import Shunt
 
 Flow = tuple[np.ndarray, Sequence[np.ndarray]]
@@ -33,6 +33,8 @@ class Circuit:
         Peak current of its switched loop per volt, A/V.
     switch : Switch or None
         Its timing, if it has one.
+    guard_unit : "A" or "V"
+        What its guards are.
     smooth : bool
         It is nonlinear between events.
     active : bool
@@ -88,8 +90,13 @@ class Circuit:
 
     @property
     def conducting(self) -> int:
-        """Sign of the voltage at which a bridge conducts, 0 where it blocks: its guards are a current, or voltages."""
+        """Sign of the voltage at which a bridge conducts, 0 where it blocks."""
         return self.branch
+
+    @property
+    def guard_unit(self) -> str:
+        """A current while a bridge conducts, else voltages."""
+        return "A" if self.conducting else "V"
 
     def blocked(self, z: np.ndarray) -> None:
         """Change the states after a guard has crossed zero."""
