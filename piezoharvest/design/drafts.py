@@ -249,7 +249,9 @@ class Drafting:
                 values, notes = values | own, (*notes, *([note] if note else []))
             needed = _needed(cls, values)
             if needed:
-                if wanted or self._may_fit(cls):
+                if not wanted and cls.assumed_if_named.__func__ is not Shunt.assumed_if_named.__func__:
+                    self.left_out.append(f"{cls.kind}, which is tried where candidates name it")
+                elif wanted or self._may_fit(cls):
                     self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
                 return []
             shunt = cls(**values, **self.beside)

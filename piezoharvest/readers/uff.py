@@ -43,6 +43,10 @@ class Uff(Reader):
         self._factors: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {})
         functions = [each for each in sets if each["type"] == 58]
         if not functions:
+            modes = sum(each["type"] == 55 for each in _read(path, (55,)))
+            if modes:
+                host = f"{modes} modes (data sets 55), which a study takes as the modes_file of its transducer"
+                raise ReadError(f"found no function (data set 58) but {host}")
             open_end = path.read_bytes().replace(b" ", b"").splitlines().count(b"-1") % 2
             cut_off = ": its last data set has no end (-1), the file is cut off" if open_end else ""
             raise ReadError(f"found no whole function (data set 58) in the universal file{cut_off}")
@@ -121,15 +125,26 @@ class ModeShapes:
         shapes = [np.stack([each[f"r{k}"] for k in range(1, 7) if f"r{k}" in each], axis=1) for each in modes]
         self._shapes = np.stack(shapes) / np.sqrt(mass)[:, None, None]
 
-    def at(self, place: str) -> np.ndarray:
-        """Shapes (modes,) of unit modal mass at a node in a direction, as "12+Z" or "12-RX"; raises `ReadError`."""
-        found = re.fullmatch(r"(\d+)([+-])(R?[XYZ])", place)
+    def largest(self) -> str:
+        """Place as `at` takes it: where and in which direction the first mode moves most."""
+        moves = self._shapes[0, :, :3]
+        row, way = np.unravel_index(np.argmax(np.abs(moves)), moves.shape)
+        return f"{self._nodes[row]}{'-' if moves[row, way] < 0 else '+'}{_FREEDOMS[way]}"
+
+    def at(self, place: Any, key: str) -> np.ndarray | None:
+        """Shapes (modes,) of unit modal mass at a node in a direction, as "12+Z" or "12-RX"; raises `ReadError`.
+
+        Of the "force" and of the "sensor"; None for a key of which the file knows nothing.
+        """
+        if key not in ("force", "sensor"):
+            return None
+        found = re.fullmatch(r"(\d+)([+-])(R?[XYZ])", str(place))
         count = self._shapes.shape[2]
         if found is None or int(found[1]) not in self._nodes or _FREEDOMS.index(found[3]) >= count:
             nodes = f"{self._nodes.min()} to {self._nodes.max()}"
             known = f"{', '.join(_FREEDOMS[:count])} at {len(self._nodes)} nodes from {nodes}"
             raise ReadError(
-                f"found no {place!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
+                f"found no {str(place)!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
             )
         row = int(np.flatnonzero(self._nodes == int(found[1]))[0])
         return (-1.0 if found[2] == "-" else 1.0) * self._shapes[:, row, _FREEDOMS.index(found[3])]
