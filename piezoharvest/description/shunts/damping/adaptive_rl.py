@@ -26,10 +26,12 @@ class AdaptiveRL(Shunt):
     """Synthetic inductance that adapts itself to a drifting resonance, in series or parallel with a resistance.
 
     At the electrical resonance, omega^2 L C = 1, the coil's current i and the strain current sum T_i x_i' are in
-    quadrature: the mean of their product is zero, and its sign tells whether L is too large or too small. With g =
-    L_0/L, where L_0 is the `inductance` at the start, the circuit solves
+    quadrature: the mean p of their product is zero, and its sign tells whether L is too large or too small. With g =
+    L_0/L, where L_0 is the `inductance` at the start, and the voltage u across the coil, the circuit solves
 
-        L_0 i' = g (voltage across the coil)      averaging_time p' = i sum T_i x_i' - p      g' = adaptation_rate p
+        L_0 i' = g u
+        averaging_time p' = i sum T_i x_i' - p
+        g' = adaptation_rate p
 
     while L is within its limits. At a limit, L stays there until p changes sign. The multiplier is that of the source,
     its filter is of first order. As p is proportional to the square of the amplitude, so is the speed of adaptation.
