@@ -157,6 +157,26 @@ def test_active_capacitances_against_their_equations(kind):
         assert len(rows) > 20
 
 
+NETWORKS = {
+    "ladder": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load",
+    "capacitors in loops, one with the port": "C1 1 0 20n\nR1 1 2 50k\nC2 2 0 30n\nC3 2 1 10n\nR3 2 0 100k",
+    "coils that meet": "L1 1 2 100\nL2 2 0 50\nL3 2 3 80\nR1 3 0 20k load\nR2 1 0 1meg",
+    "a port that only coils lead to": "L1 0 1 400\nR1 2 0 300k\nL2 1 3 80\nR2 3 2 3k\nC1 2 0 10n\nC2 3 2 5n",
+}
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_as_in_the_engine(name):
+    """By nodes and least squares here, by a normal tree there."""
+    shunt = {"kind": "network", "netlist": NETWORKS[name]}
+    study = {"transducer": {**BENCH, "hysteresis": STOPS}, "excitation": DRIVE, "shunts": [shunt]}
+    wanted = solve(study, transient=0.1, samples=200).waveforms
+    found = waves(DRIVE, shunt, study["transducer"], times=wanted.time)
+    for signal in ("displacement", "voltage"):
+        assert error(getattr(found, signal), getattr(wanted, signal)) < PROMISED
+    assert error(found.current[1:], wanted.current[1:]) < 10 * PROMISED
+
+
 BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.6, "inductance": 0.01, "quality": 6.0}
 BREAKERS = {
     "sshi": {"kind": "self_powered_sshi", "dc_voltage": 1.0},
