@@ -11,9 +11,10 @@ One row for each mode, columns by name, shapes normalised to unit modal mass:
 | `coupling_0`, `coupling_1`, ... | N/(V kg^1/2) | of the transducer's own and of each further pair of electrodes |
 | `base` | kg^1/2 | participation in a base acceleration a, which drives the mode with -base a; needed for one |
 
-A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes. A table `shapes` then says where
-force and sensor are, as `force = "12+Z"` (node, sign, direction; R before the direction for a rotation), and has the
-other columns as lists with a value for each mode: `coupling_0 = [...]`, `base = [...]`.
+A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes: normal modes, or complex ones
+whose shapes are nearly in phase. A table `shapes` then says where force and sensor are, as `force = "12+Z"` (node,
+sign, direction; R before the direction for a rotation), and has the other columns as lists with a value for each mode:
+`coupling_0 = [...]`, `base = [...]`.
 
 A state-space model of ANSYS (.spm, SPMWRITE with FileFormat = 1) has force and voltages as its inputs: in `shapes`,
 `force = 1` and `coupling_0 = 2` are numbers of columns of B, `sensor = 1` that of a row of C, counted from 1.
