@@ -158,10 +158,53 @@ def test_records_of_several_files(tmp_path, measured):
     )
 
 
+BEAM = (1.87510407, 4.69409113, 7.85475744)  # roots of cos x cosh x = -1
+
+
+def universal_beam(path):
+    """Modes of an aluminium cantilever, 200 x 20 x 2 mm, written by pyuff with shapes of any size; its flexibility."""
+    pyuff = pytest.importorskip("pyuff")
+    length, stiffness, mass, x = 0.2, 0.93, 0.0216, np.linspace(0, 1, 6)[1:]
+    for n, root in enumerate(BEAM, 1):
+        ratio = (np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
+        z = root * x
+        shape = 3.0 * (np.cosh(z) - np.cos(z) - ratio * (np.sinh(z) - np.sin(z)))
+        mode = {
+            "type": 55, "model_type": 1, **{f"id{k}": "NONE" for k in range(1, 6)}, "analysis_type": 2, "data_ch": 2,
+            "spec_data_type": 8, "data_type": 2, "n_data_per_node": 3, "load_case": 1, "mode_n": n,
+            "freq": root**2 / (2 * np.pi * length**2) * np.sqrt(stiffness * length / mass), "modal_m": 9.0 * mass,
+            "modal_damp_vis": 0.005, "modal_damp_his": 0.0, "node_nums": np.arange(1, 6), "r1": 0 * x, "r2": 0 * x,
+            "r3": -shape,
+        }  # fmt: skip
+        pyuff.UFF(str(path)).write_sets(mode, "add")
+    return length**3 / (3 * stiffness)
+
+
+@pytest.mark.parametrize("kind", ["damping", "harvest"])
+def test_a_study_of_a_host_in_a_universal_file(tmp_path, monkeypatch, capsys, kind):
+    """It runs as it is; far below its resonances the beam's end gives way as statics says, L^3/(3 E I)."""
+    monkeypatch.chdir(tmp_path)
+    flexibility = universal_beam(tmp_path / "host.unv")
+    assert run("new", kind, "host.unv") == 0
+    text = (tmp_path / f"{kind}.toml").read_text()
+    assert 'force = "5-Z"' in text and text.count("(?)") == 4
+    study = load_study(tmp_path / f"{kind}.toml")
+    assert study.excitation.frequency == pytest.approx(study.transducer.short_circuit_frequency, rel=1e-3)
+    assert study.design.band is None or np.mean(study.design.band) == pytest.approx(
+        study.excitation.frequency, rel=1e-3
+    )
+    assert run("simulate", f"{kind}.toml") == 0
+    static = sum(mode.force_participation**2 / mode.stiffness for mode in study.transducer.all_modes)
+    assert static == pytest.approx(flexibility, rel=2e-3)  # the other modes, 12/root^4 of it each
+    assert run("new", "campaign", "host.unv") == 2
+    assert "found no function (data set 58) but 3 modes (data sets 55)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(["campaign"], "at least one is needed"), (["campaign", "nothing.csv"], "nothing.csv: the file cannot be read"),
      (["harvest", "run.csv"], "only a campaign takes data files"), (["nonsense"], "is not one of"),
+     (["damping", "host.unv"], "found host.unv, which is no existing file"),
      (["harvest", "--out", "study.txt"], "allowed are names ending in .toml"),
      (["harvest", "--out", "there.toml"], "exists and is not overwritten"),
      (["campaign", "there.toml"], "allowed are names ending in")],

@@ -6,15 +6,17 @@ from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))  # mkdocs runs this file by itself
 
-from made_from_code import commands, effect_figures, equations, figures, project, reference, schema
+from made_from_code import cards, commands, effect_figures, equations, figures, project, reference, schema
 
 _DECISIONS = [f"decisions/{path.name}" for path in sorted((project.ROOT / "docs/decisions").glob("*.md"))]
 _PAGES = {
     **reference.pages(), "reference/commands.md": commands.page(), **project.gallery(), **project.decisions(),
 }  # fmt: skip
+_KEYED = ("reference/", "shunts/", "effects/")  # pages with tables of keys
 _FOLDERS = {"Shunts": "shunts", "Effects": "effects", "Gallery": "gallery", "Decisions": "decisions"}
 
 
@@ -46,3 +48,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path, source in project.reports().items():
         files.append(File.generated(config, path, abs_src_path=str(source)))
     return files
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let tables of keys be shown as cards where the window is narrow."""
+    return cards.with_headings(html) if page.file.src_uri.startswith(_KEYED) else html

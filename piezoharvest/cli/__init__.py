@@ -355,7 +355,12 @@ class Beginning(StrEnum):
 def new(
     kind: Annotated[Beginning, typer.Argument(help="Kind of file to write.", show_default=False)],
     files: Annotated[
-        list[Path] | None, typer.Argument(metavar="FILES", help="Data files of a campaign.", show_default=False)
+        list[Path] | None,
+        typer.Argument(
+            metavar="FILES",
+            help="Data files of a campaign, or the universal file with the modes of a study's structure.",
+            show_default=False,
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="File to write (.toml); default: harvest.toml and so on.")

@@ -45,11 +45,11 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
         raise OutputError(f"{target}: the file exists and is not overwritten; name another one with --out FILE")
     text = resources.files("piezoharvest.cli").joinpath("templates", f"{kind}.toml").read_text("utf-8")
     if kind != "campaign":
-        if files:
-            raise OutputError(f"found {files[0]} for {kind}, only a campaign takes data files")
-        write_text(Template(text).substitute(file=target.name), target)
+        text = Template(text).substitute(file=target.name)
+        write_text(_hosted(kind, text, files, target) if files else text, target)
         print(target)
-        note(f"the file runs as it is (piezoharvest simulate {target}); replace its values with your own")
+        marked = "those marked (?)" if files else "its values"
+        note(f"the file runs as it is (piezoharvest simulate {target}); replace {marked} with your own")
         return 0
     if not files:
         raise OutputError("no data files, at least one is needed: piezoharvest new campaign FILES")
@@ -57,6 +57,17 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
     print(target)
     _say_what_is_left(target)
     return 0
+
+
+def _hosted(kind: str, text: str, files: Sequence[Path], target: Path) -> str:
+    """Text of a study of the host structure in a universal file."""
+    from piezoharvest.cli.host_study import with_host
+    from piezoharvest.readers.uff import Uff
+
+    if len(files) > 1 or files[0].suffix.lower() not in Uff.suffixes:
+        allowed = "only a campaign takes data files, and a study one universal file with the modes of its structure"
+        raise OutputError(f"found {files[-1]} for {kind}, {allowed} ({', '.join(Uff.suffixes)})")
+    return with_host(text, files[0], target)
 
 
 def _say_what_is_left(target: Path) -> None:

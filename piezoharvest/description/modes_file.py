@@ -11,9 +11,10 @@ One row for each mode, columns by name, shapes normalised to unit modal mass:
 | `coupling_0`, `coupling_1`, ... | N/(V kg^1/2) | of the transducer's own and of each further pair of electrodes |
 | `base` | kg^1/2 | participation in a base acceleration a, which drives the mode with -base a; needed for one |
 
-A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes. A table `shapes` then says where
-force and sensor are, as `force = "12+Z"` (node, sign, direction; R before the direction for a rotation), and has the
-other columns as lists with a value for each mode: `coupling_0 = [...]`, `base = [...]`.
+A universal file (.uff, .unv) has the modes as its data sets 55, with shapes at nodes: normal modes, or complex ones
+whose shapes are nearly in phase. A table `shapes` then says where force and sensor are, as `force = "12+Z"` (node,
+sign, direction; R before the direction for a rotation), and has the other columns as lists with a value for each mode:
+`coupling_0 = [...]`, `base = [...]`.
 
 A state-space model of ANSYS (.spm, SPMWRITE with FileFormat = 1) has force and voltages as its inputs: in `shapes`,
 `force = 1` and `coupling_0 = 2` are numbers of columns of B, `sensor = 1` that of a row of C, counted from 1.
@@ -29,7 +30,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import LARGEST, SMALLEST, ParameterError
 
-KEY, PLACES = "modes_file", "shapes"
+KEY, PLACES, STATE_SPACE = "modes_file", "shapes", ".spm"
 GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes",
          "modal", "datasheet", "catalogue")  # by the file  # fmt: skip
 _TWICE = f"found together with {KEY}, which gives it too: remove one of the two"
@@ -106,12 +107,7 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
         raise ParameterError(
             KEY, f"found {name!r}, which is {'a directory, not a file' if folder else 'no existing file'}"
         )
-    if path.suffix.lower() == ".spm":
-        columns = _of_state_space(path, name, electrodes, places)
-        for message, row in _faults(columns):
-            raise ParameterError(KEY, f"{name}, mode {row + 1}: {message}")
-        return {"sensor": columns["force"], **columns}
-    if path.suffix.lower() in Uff.suffixes:
+    if path.suffix.lower() in (*Uff.suffixes, STATE_SPACE):
         columns = _at_places(path, name, electrodes, places)
         for message, row in _faults(columns):
             raise ParameterError(KEY, f"{name}, mode {row + 1}: {message}")
@@ -122,22 +118,26 @@ def _columns(path: Path, name: str, electrodes: int, places: Any) -> dict[str, n
 
 
 def _at_places(path: Path, name: str, electrodes: int, places: Any) -> dict[str, np.ndarray]:
-    """Columns from shapes at nodes of a universal file, and from the lists in the table that says where."""
+    """Columns from a universal file or a state-space model, and from the table that says which shape is what."""
     from piezoharvest.readers import ReadError
+    from piezoharvest.readers.text_files.state_space import read_state_space
     from piezoharvest.readers.uff import ModeShapes
 
-    places = _checked(places, name, electrodes, "shapes at nodes: it takes force = '12+Z' and coupling_0 = [...]")
+    read, takes = ModeShapes, "shapes at nodes: it takes force = '12+Z' and coupling_0 = [...]"
+    if path.suffix.lower() == STATE_SPACE:
+        read, takes = read_state_space, "inputs and outputs by number: it takes force = 1 and coupling_0 = 2"
+    places = _checked(places, name, electrodes, takes)
     try:
-        shapes = ModeShapes(path)
+        modes = read(path)
     except ReadError as error:
         raise ParameterError(KEY, f"{name}: {error.message}") from None
-    columns = {"frequency_Hz": shapes.frequency, "damping_ratio": shapes.damping_ratio}
+    columns = {"frequency_Hz": modes.frequency, "damping_ratio": modes.damping_ratio}
     for key, value in places.items():
         try:
-            at_node = key in ("force", "sensor")
-            columns[key] = shapes.at(str(value)) if at_node else _list(key, value, len(shapes.frequency), name)
+            known = modes.at(value, key)
+            columns[key] = _list(key, value, len(modes.frequency), name) if known is None else known
         except ReadError as error:
-            raise ParameterError(f"{PLACES}.{key}", error.message) from None
+            raise ParameterError(f"{PLACES}.{key}", f"{error.message} in {name}") from None
     return columns
 
 
@@ -151,30 +151,6 @@ def _list(key: str, value: Any, count: int, name: str) -> np.ndarray:
         message = f"found {value!r:.40}, must be a list of {count} numbers, one for each mode in {name}"
         raise ParameterError(f"{PLACES}.{key}", message)
     return found
-
-
-def _of_state_space(path: Path, name: str, electrodes: int, places: Any) -> dict[str, np.ndarray]:
-    """Columns from a state-space model, and from the table that says which of its inputs and outputs is what."""
-    from piezoharvest.readers import ReadError
-    from piezoharvest.readers.text_files.state_space import read_state_space
-
-    places = _checked(places, name, electrodes, "inputs and outputs by number: it takes force = 1 and coupling_0 = 2")
-    try:
-        modes = read_state_space(path)
-    except ReadError as error:
-        raise ParameterError(KEY, f"{name}: {error.message}") from None
-    columns = {"frequency_Hz": modes.frequency, "damping_ratio": modes.damping_ratio}
-    for key, value in places.items():
-        if key == "base":
-            columns[key] = _list(key, value, len(modes.frequency), name)
-            continue
-        known = modes.outputs if key == "sensor" else modes.inputs.T
-        if type(value) is not int or not 1 <= value <= len(known):
-            where = "rows of C" if key == "sensor" else "columns of B"
-            message = f"found {value!r:.40}, must be a number from 1 to {len(known)}, the {where} in {name}"
-            raise ParameterError(f"{PLACES}.{key}", message)
-        columns[key] = known[value - 1]
-    return columns
 
 
 def _checked(places: Any, name: str, electrodes: int, takes: str) -> Mapping[str, Any]:

@@ -50,6 +50,11 @@ class Element:
     value: float
     load: bool = False
 
+    @property
+    def table(self) -> dict[str, Any]:
+        """The element as a table of a study file."""
+        return {**vars(self), "nodes": list(self.nodes)}
+
 
 def spice_number(text: str) -> float | None:
     """Read a number with an SPICE suffix, in either case: f p n u m k meg g t (m is 1e-3 and F alone is 1e-15).

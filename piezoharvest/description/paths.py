@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.kinds import in_a_path, kind_of
 from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.netlist import Element
 from piezoharvest.description.parameters import Component, ParameterError
 
 
@@ -102,5 +103,7 @@ def component_table(component: Component) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A number of numpy as one of Python."""
+    """A number of numpy as one of Python, an element of a netlist as a table."""
+    if isinstance(value, Element):
+        return value.table
     return value.item() if isinstance(value, np.generic) else value

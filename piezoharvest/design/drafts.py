@@ -14,6 +14,7 @@ import numpy as np
 from piezoharvest.description.circuit import Port
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt, registered
+from piezoharvest.description.shunts.base import Leads
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.linear.open import Open
@@ -25,6 +26,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.places import lists_of, split, unit_at, value_at, with_values
 from piezoharvest.engine import simulate
+from piezoharvest.linear import frequency_response
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -143,10 +145,12 @@ class Drafting:
         return self.transducer.swapped(self.beside["electrode"])
 
     @cached_property
-    def open_voltage(self) -> float:
-        """Amplitude of the voltage of open electrodes in operation, V."""
+    def leads(self) -> Leads:
+        """The leads in operation."""
         excitation = self.operation.at(self.frequency) if self.operation.apart else self.operation.excitation
-        return simulate(System(self.seen, Open()), excitation, attenuation=False).voltage_amplitude
+        opened = simulate(System(self.seen, Open()), excitation, attenuation=False).voltage_amplitude
+        blocking = opened * _blocking_share(self.seen, self.frequency, self.operation.base)
+        return Leads(self.seen.capacitance, self.frequency, opened, blocking)
 
     def drafts(self) -> list[Draft]:
         """One draft for each kind, or for each template of it.
@@ -239,15 +243,17 @@ class Drafting:
         values, notes = self._typical(cls)
         for name in branches:  # the tuning begins elsewhere: only the number of branches counts
             values[name] = (values[name],) * (len(modes) - (name == "capacitances" and cls.kind == "parallel_branches"))
-        if wanted and _needed(cls, values):
-            own, note = cls.assumed_if_named(self.seen.capacitance, self.frequency, self.open_voltage)
-            values, notes = values | own, (*notes, *([note] if note else []))
-        needed = _needed(cls, values)
-        if needed:
-            if wanted or self._may_fit(cls):
-                self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
-            return []
         try:
+            if wanted and _needed(cls, values):
+                own, note = cls.assumed_if_named(self.leads, values)
+                values, notes = values | own, (*notes, *([note] if note else []))
+            needed = _needed(cls, values)
+            if needed:
+                if not wanted and cls.assumed_if_named.__func__ is not Shunt.assumed_if_named.__func__:
+                    self.left_out.append(f"{cls.kind}, which is tried where candidates name it")
+                elif wanted or self._may_fit(cls):
+                    self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
+                return []
             shunt = cls(**values, **self.beside)
         except ParameterError as error:  # parts that the study's tables give do not go together in this kind
             self.left_out.append(f"{cls.kind}: {error}")
@@ -363,6 +369,18 @@ class Drafting:
         flip = FLIP_SHARE / self.frequency
         inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.seen.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
+
+
+def _blocking_share(transducer: Transducer, frequency: float, base: bool) -> float:
+    """Voltage that holds sum T_i x_i against a drive, over that of open electrodes.
+
+    The drive alone moves the charge q of shorted electrodes, a voltage v the charge -m v. The motion stops at q/m; open
+    electrodes, where C v is the charge that the motion takes away, are at -q/(C + m).
+    """
+    opened, shorted = (frequency_response(System(transducer, s), frequency, base=base) for s in (Open(), Short()))
+    with np.errstate(all="ignore"):
+        both = -shorted.charge / opened.voltage  # C + m, F
+        return float(np.abs(both / (both - transducer.capacitance)))
 
 
 def any_harvests(shunt: Shunt, transducer: Transducer, period: float | None) -> bool:

@@ -259,7 +259,7 @@ def shunt_table(shunt: Shunt) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """The value in types of TOML and JSON."""
     if isinstance(value, Element):
-        return {**vars(value), "nodes": list(value.nodes)}
+        return value.table
     if isinstance(value, tuple | list):
         return [_plain(inner) for inner in value]
     if isinstance(value, Shunt):

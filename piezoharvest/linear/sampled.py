@@ -3,6 +3,11 @@
 From one sample to the next the transducer moves under a current that is constant but for one step, where the delay
 ends: with E(t) = exp(A t) and G(t) = int_0^t E B dt, x+ = E(T) x + E(T - r) G(r) i_old + G(T - r) i_new, r being what
 the delay exceeds whole sample times by (Astrom & Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.5).
+
+A delay of k sample times and r makes the loop unstable where a pole arrives at the unit circle: L_r(z) z^-k = 1 there,
+with the loop's gain L_r of r alone. Its magnitude is one at few angles of z, whatever k, and those are eigenvalues of a
+Hamiltonian matrix (Bruinsma & Steinbuch, Syst. Control Lett. 14(4), 287-293, 1990). At each of them the phase says how
+long the delay is. Without such an angle no delay makes the loop unstable.
 """
 
 from __future__ import annotations
@@ -13,14 +18,17 @@ from typing import Literal
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.damping.digital import MOST_DELAYS, Digital
+from piezoharvest.description.shunts.damping.digital import Digital
 from piezoharvest.description.system import System
 from piezoharvest.equations.circuits import circuit_equations, circuit_states
 from piezoharvest.linear.assembly import LinearModel, connect
 
 _FLOATING = 1e-9  # distance of a pole from 1 that counts as that of a floating charge: some thousand roundings
-_SCANNED = 256  # values of a delay or sample time that are tried before the limit between two of them is found
+_SCANNED = 256  # sample times that are tried before the limit between two of them is found
 _EXACT = 1e-12  # relative, of a limit
+_SHARES = (0.0, 0.25, 0.5, 0.75)  # of a sample time: delays at which the search for crossings begins
+_ON_CIRCLE = 1e-3  # relative distance from the imaginary axis of an eigenvalue where a crossing is looked for
+_CROSSED = 1e-9  # of the logarithm of the loop's gain at a crossing
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +57,22 @@ class SampledLoop:
         """Spectral radius, a floating charge (a pole at 1) left out: the loop is stable below 1."""
         found = self.poles
         return float(np.max(np.abs(found[np.abs(found - 1) > _FLOATING]), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The transducer under a current: (x, i)' = generator (x, i), v = row x; time in sample times."""
+
+    generator: np.ndarray
+    row: np.ndarray
+
+    def plant(self, whole: int, rest: float) -> _Plant:
+        """From one sample to the next, with a current that is late by a number of sample times and a share of one."""
+        from scipy.linalg import expm
+
+        n = len(self.row)
+        late, driven = (expm(self.generator * share) for share in (rest, 1.0 - rest))
+        return _Plant(driven[:n, :n] @ late[:n, :n], driven[:n, :n] @ late[:n, n], driven[:n, n], self.row, whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +128,8 @@ def stability_limit(system: System, key: Literal["delay", "sample_time"] = "dela
     Returns
     -------
     float
-        Zero if the loop is unstable however short it is, infinite if no value tried makes it unstable: delays of up to
-        32 sample times, sample times of up to half a period of the first resonance.
+        Zero if the loop is unstable however short it is. Infinite if no delay at all makes it unstable, or no sample
+        time of up to half a period of the first resonance.
 
     Raises
     ------
@@ -115,25 +139,73 @@ def stability_limit(system: System, key: Literal["delay", "sample_time"] = "dela
     shunt = _shunt(system)
     if key not in ("delay", "sample_time"):
         raise ParameterError("key", f"found {key!r}, must be 'delay' or 'sample_time'")
-    longest = MOST_DELAYS * shunt.sample_time
-    if key == "sample_time":
-        longest = 0.5 / system.transducer.short_circuit_frequency
 
-    def stable(value: float) -> bool:
-        changes = {key: value}
-        if key == "sample_time":
-            changes["delay"] = shunt.delay / shunt.sample_time * value
-        return sampled_loop(System(system.transducer, replace(shunt, **changes))).radius < 1
+    def stable(sample_time: float, samples: float) -> bool:
+        changed = replace(shunt, sample_time=sample_time, delay=samples * sample_time)
+        return sampled_loop(System(system.transducer, changed)).radius < 1
 
-    tried = longest * np.arange(1 if key == "sample_time" else 0, _SCANNED + 1) / _SCANNED
-    first = next((n for n, value in enumerate(tried) if not stable(float(value))), None)
+    if key == "delay":
+        return _first_crossing(system) if stable(shunt.sample_time, 0.0) else 0.0
+    late = shunt.delay / shunt.sample_time
+    tried = 0.5 / system.transducer.short_circuit_frequency * np.arange(1, _SCANNED + 1) / _SCANNED
+    first = next((n for n, value in enumerate(tried) if not stable(float(value), late)), None)
     if first is None:
         return float("inf")
     low, high = (float(tried[first - 1]) if first else 0.0), float(tried[first])
     while high - low > _EXACT * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
+        low, high = (middle, high) if stable(middle, late) else (low, middle)
     return low
+
+
+def _first_crossing(system: System) -> float:
+    """Shortest delay in s with which a pole of the loop is on the unit circle; infinite if there is none."""
+    from scipy.optimize import root
+
+    shunt, motion = _shunt(system), _motion(system)
+    above, below = (np.array(side, float) for side in shunt.filter())
+
+    def gain(lateness: float, angle: float) -> complex:
+        z, (whole, rest) = np.exp([1j * angle]), divmod(lateness, 1.0)
+        return (np.polyval(above, z) / np.polyval(below, z) * motion.plant(int(whole), rest).response(z))[0]
+
+    crossings = [np.inf]
+    for share in _SHARES:
+        for angle in _angles_of_unit_gain(above, below, motion.plant(0, share)):
+            # gain(share, .) is L of this share; as many sample times more as turn its phase to zero.
+            lateness = (share + np.angle(gain(share, angle)) / angle) % (2 * np.pi / angle)
+
+            def off(x: np.ndarray, lateness: float = lateness, angle: float = angle) -> list[float]:
+                value = np.log(gain(lateness + x[0] / angle, angle * np.exp(x[1])))
+                return [value.real, value.imag]
+
+            found = root(off, [0.0, 0.0], tol=_EXACT)
+            if np.max(np.abs(found.fun)) < _CROSSED:
+                crossings.append(lateness + found.x[0] / angle)
+    return shunt.sample_time * float(min(value for value in crossings if value >= 0))
+
+
+def _angles_of_unit_gain(above: np.ndarray, below: np.ndarray, plant: _Plant) -> np.ndarray:
+    """Angles of z on the unit circle, between 0 and pi, where a filter and a plant in series have the gain one.
+
+    With z = (1 + s)/(1 - s) the circle is the imaginary axis.
+    """
+    from scipy.signal import tf2ss
+
+    of, into, out, through = tf2ss(above, below)
+    n, order = len(plant.forward), len(of)
+    read = np.append(plant.row, 0.0)[None]
+    moved = np.block([[plant.forward, plant.old[:, None]], [np.zeros((1, n + 1))]])
+    loop = np.block([[moved, np.zeros((n + 1, order))], [into @ read, of]])
+    eye, driven = np.eye(len(loop)), np.concatenate((plant.new, [1.0], np.zeros(order)))
+    a, b = np.linalg.solve(loop + eye, loop - eye), np.linalg.solve(loop + eye, driven)
+    c = np.hstack((through @ read, out))[0]
+    c, d = c @ (eye - a), -c @ b
+    left = 1 - d**2
+    a = a + np.outer(b, c) * d / left
+    found = np.linalg.eigvals(np.block([[a, np.outer(b, b) / left], [-np.outer(c, c) / left, -a.T]]))
+    found = found[(np.imag(found) > _FLOATING) & (np.abs(np.real(found)) < _ON_CIRCLE * np.imag(found))]
+    return 2 * np.arctan(np.imag(found))
 
 
 def anticipating(system: System) -> Digital:
@@ -204,18 +276,17 @@ def _under_current(system: System) -> LinearModel:
     )
 
 
-def _plant(system: System) -> _Plant:
-    """The transducer from one sample to the next."""
-    from scipy.linalg import expm
-
-    shunt = _shunt(system)
-    whole, rest = shunt.lateness()
+def _motion(system: System) -> _Motion:
     a, b, c, _ = _under_current(system).explicit(("voltage",))
     n = len(a)
     generator = np.zeros((n + 1, n + 1))
     generator[:n, :n], generator[:n, n] = a, b[:, 1]
-    late, driven = (expm(generator * share * shunt.sample_time) for share in (rest, 1.0 - rest))
-    return _Plant(driven[:n, :n] @ late[:n, :n], driven[:n, :n] @ late[:n, n], driven[:n, n], c[0], whole)
+    return _Motion(generator * _shunt(system).sample_time, c[0])
+
+
+def _plant(system: System) -> _Plant:
+    """The transducer from one sample to the next."""
+    return _motion(system).plant(*_shunt(system).lateness())
 
 
 def _circuit_poles(system: System) -> np.ndarray:

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ _FREEDOMS = ("X", "Y", "Z", "RX", "RY", "RZ")  # displacements and rotations of 
 _TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
 _ABSCISSAE = {_TIME: "time_s", _FREQUENCY: "frequency_Hz"}
 # SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
+_MOST_COMPLEX = 0.1  # of a shape out of phase: a response, which has the shape twice, is then 1 % off
 _SI = {8: ("m", "length"), 9: ("N", "force"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
 
 
@@ -43,6 +44,10 @@ class Uff(Reader):
         self._factors: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {})
         functions = [each for each in sets if each["type"] == 58]
         if not functions:
+            modes = sum(each["type"] == 55 for each in _read(path, (55,)))
+            if modes:
+                host = f"{modes} modes (data sets 55), which a study takes as the modes_file of its transducer"
+                raise ReadError(f"found no function (data set 58) but {host}")
             open_end = path.read_bytes().replace(b" ", b"").splitlines().count(b"-1") % 2
             cut_off = ": its last data set has no end (-1), the file is cut off" if open_end else ""
             raise ReadError(f"found no whole function (data set 58) in the universal file{cut_off}")
@@ -86,8 +91,42 @@ class Uff(Reader):
         return Unit(f"data set 164, {dimension}", si, 1.0 / self._factors[dimension])
 
 
+class _Mode(NamedTuple):
+    """A mode: Hz, share of critical damping, shape (nodes, freedoms) for a modal mass of one in the file's units."""
+
+    frequency: float
+    damping_ratio: float
+    shape: np.ndarray
+
+
+def _mode(each: Mapping[str, Any], n: int) -> _Mode:
+    """Mode number n from its data set; raises `ReadError`."""
+    shape = np.stack([each[f"r{k}"] for k in range(1, 7) if f"r{k}" in each], axis=1)
+    if each["analysis_type"] == 2 and each["data_type"] == 2:
+        if not each["modal_m"] > 0:
+            raise ReadError(f"mode {n} has a modal mass of {each['modal_m']:g}, which must be greater than 0")
+        ratio = each["modal_damp_vis"] + 0.5 * each["modal_damp_his"]
+        return _Mode(each["freq"], ratio, shape / np.sqrt(each["modal_m"]))
+    if each["analysis_type"] != 3:
+        kinds = "a normal mode (analysis type 2) or a complex one (analysis type 3)"
+        raise ReadError(f"mode {n} is of analysis type {each['analysis_type']}, must be {kinds}")
+    pole, scale = complex(each["eig"]), complex(each["modal_a"])
+    if not (pole.imag > 0 and scale):
+        found = f"an eigenvalue of {pole:g} 1/s and a modal A of {scale:g}"
+        raise ReadError(f"mode {n} has {found}, must have an imaginary part above 0 and a scale other than 0")
+    # A real mode of unit mass has the residues shape^2/(pole - its conjugate); here they are shape^2/modal A.
+    own = shape * np.sqrt((pole - pole.conjugate()) / scale)
+    beside = float(np.linalg.norm(own.imag) / np.linalg.norm(own))
+    if not beside < _MOST_COMPLEX:
+        message = f"of whose shape {beside:.0%} is out of phase, allowed are up to {_MOST_COMPLEX:.0%}"
+        raise ReadError(f"mode {n} is complex, {message}: a host has real modes")
+    return _Mode(abs(pole) / (2 * np.pi), -pole.real / abs(pole), own.real)
+
+
 class ModeShapes:
-    """Real modes of a structure in a universal file: data sets 55 of normal modes, in the order of the file.
+    """Real modes of a structure in a universal file: data sets 55, in the order of the file.
+
+    Of complex modes, as a modal test gives them, the real part is taken where it is nearly all.
 
     Attributes
     ----------
@@ -97,7 +136,7 @@ class ModeShapes:
     Raises
     ------
     ReadError
-        There is no mode, or one is complex, without a modal mass or at other nodes than the first.
+        There is no mode, or one is truly complex, not scaled, or at other nodes than the first.
     """
 
     def __init__(self, path: Path):
@@ -108,28 +147,34 @@ class ModeShapes:
             raise ReadError("found no mode (data set 55) in the universal file")
         self._nodes = np.asarray(modes[0]["node_nums"])
         for n, each in enumerate(modes, 1):
-            if each["analysis_type"] != 2 or each["data_type"] != 2:
-                raise ReadError(f"mode {n} is not a real normal mode (analysis type 2), the only type that is read")
-            if not each["modal_m"] > 0:
-                raise ReadError(f"mode {n} has a modal mass of {each['modal_m']:g}, which must be greater than 0")
             if not np.array_equal(each["node_nums"], self._nodes):
                 raise ReadError(f"mode {n} has nodes other than those of mode 1")
-        self.frequency = np.array([each["freq"] for each in modes])
-        self.damping_ratio = np.array([each["modal_damp_vis"] + 0.5 * each["modal_damp_his"] for each in modes])
+        found = [_mode(each, n) for n, each in enumerate(modes, 1)]
+        self.frequency = np.array([mode.frequency for mode in found])
+        self.damping_ratio = np.array([mode.damping_ratio for mode in found])
         # Shapes are lengths for a unit of the modal coordinate, and the modal mass is a mass times their square.
-        mass = np.array([each["modal_m"] for each in modes]) * units["length"] / units["force"]
-        shapes = [np.stack([each[f"r{k}"] for k in range(1, 7) if f"r{k}" in each], axis=1) for each in modes]
-        self._shapes = np.stack(shapes) / np.sqrt(mass)[:, None, None]
+        self._shapes = np.stack([mode.shape for mode in found]) / np.sqrt(units["length"] / units["force"])
 
-    def at(self, place: str) -> np.ndarray:
-        """Shapes (modes,) of unit modal mass at a node in a direction, as "12+Z" or "12-RX"; raises `ReadError`."""
-        found = re.fullmatch(r"(\d+)([+-])(R?[XYZ])", place)
+    def largest(self) -> str:
+        """Place as `at` takes it: where and in which direction the first mode moves most."""
+        moves = self._shapes[0, :, :3]
+        row, way = np.unravel_index(np.argmax(np.abs(moves)), moves.shape)
+        return f"{self._nodes[row]}{'-' if moves[row, way] < 0 else '+'}{_FREEDOMS[way]}"
+
+    def at(self, place: Any, key: str) -> np.ndarray | None:
+        """Shapes (modes,) of unit modal mass at a node in a direction, as "12+Z" or "12-RX"; raises `ReadError`.
+
+        Of the "force" and of the "sensor"; None for a key of which the file knows nothing.
+        """
+        if key not in ("force", "sensor"):
+            return None
+        found = re.fullmatch(r"(\d+)([+-])(R?[XYZ])", str(place))
         count = self._shapes.shape[2]
         if found is None or int(found[1]) not in self._nodes or _FREEDOMS.index(found[3]) >= count:
             nodes = f"{self._nodes.min()} to {self._nodes.max()}"
             known = f"{', '.join(_FREEDOMS[:count])} at {len(self._nodes)} nodes from {nodes}"
             raise ReadError(
-                f"found no {place!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
+                f"found no {str(place)!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
             )
         row = int(np.flatnonzero(self._nodes == int(found[1]))[0])
         return (-1.0 if found[2] == "-" else 1.0) * self._shapes[:, row, _FREEDOMS.index(found[3])]

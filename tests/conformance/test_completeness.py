@@ -9,12 +9,9 @@ from piezoharvest.description import effects, shunts
 # Those of the package; a user's own script may define more.
 SHUNTS = [cls for cls in shunts.registered().values() if cls.__module__.startswith("piezoharvest.")]
 EFFECTS = [cls for cls in effects.registered().values() if cls.__module__.startswith("piezoharvest.")]
-# Without a circuit on the bench: active circuits, a netlist, whose equations only the netlist itself has, and a
-# tracker, which takes its voltage from an excitation that a circuit there does not see; switches there are timed, while
-# breakers find their own time.
-NOT_ON_THE_BENCH = {"negative_capacitance", "network", "spice", "mppt", "op_amp_negative_capacitance"} | {
-    f"self_powered_{kind}" for kind in ("sshi", "series_sshi", "sece", "ssdi")
-}
+# Without a circuit on the bench: netlists with diodes and switches, and a tracker, which takes its voltage from an
+# excitation that a circuit there does not see.
+NOT_ON_THE_BENCH = {"spice", "mppt"}
 
 
 @pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.name)
@@ -31,7 +28,7 @@ def test_an_effect_has_a_twin_on_the_bench(cls):
 def test_a_shunt_has_a_circuit_on_the_bench(cls):
     assert cls.kind in CIRCUITS or cls.kind in NOT_ON_THE_BENCH, (
         f"no record can be made with {cls.kind}: write class {cls.__name__}(Circuit) in "
-        "piezoharvest/bench/solver/circuits.py and enter it in UNSWITCHED, or with a switch in switched.py and "
-        "SWITCHED, in extraction.py and "
-        "EXTRACTING, with a controller in controlled.py and CONTROLLED, or say in NOT_ON_THE_BENCH why not"
+        "piezoharvest/bench/solver/loads: without a switch in circuits.py (UNSWITCHED), with one in switched.py "
+        "(SWITCHED) or extraction.py (EXTRACTING), with a controller in controlled.py (CONTROLLED), self-powered in "
+        "breakers.py (BREAKING), or say in NOT_ON_THE_BENCH why not"
     )

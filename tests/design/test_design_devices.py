@@ -1,12 +1,20 @@
 """Device properties and fields that are held: all candidates are compared with the same diodes and coils."""
 
+import math
+
 import pytest
 
+from piezoharvest.description.excitation import SineBase, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, SeriesRL
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Mode
 from piezoharvest.design import design
-from piezoharvest.study import StudyError, load_study
+from piezoharvest.design.drafts import Drafting
+from piezoharvest.design.operation import operation_of
+from piezoharvest.engine import simulate
+from piezoharvest.study import DesignOptions, StudyError, load_study
 
 SCHOTTKY = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5, diode_drop=0.2)
 KINDS = ("rectifier", "parallel_sshi", "series_sshi", "sece")
@@ -107,3 +115,37 @@ def test_what_is_assumed_only_of_kinds_that_are_named(host, run):
     better = found["op_amp_negative_capacitance"].harvested_power
     assert better > run(host(0.025, 50), 50.6, candidates=("resistor",)).best.harvested_power
     assert "battery: assumed a lithium-ion cell of 3.7 V" in result.notes
+
+
+@pytest.mark.parametrize("band", [None, (48.0, 53.0)])
+def test_the_source_of_an_ssdv_is_half_of_what_stops_the_motion(host, run, band):
+    """Lefeuvre et al. 2006: x = (F - (4/pi) g T V_s)/(b w + (4/pi) g T^2/C), g = (1+q)/(1-q), at the resonance."""
+    device, force = host(0.01, 50), 0.02
+    options = {"candidates": ("ssdv", "ssdi"), "objective": "damping", "band": band, "amplitude": force}
+    found = {c.shunt.kind: c for c in run(device, device.open_circuit_frequency, **options).candidates}
+    shunt, q = found["ssdv"].shunt, math.exp(-math.pi / 12)
+    gain = 4 / math.pi * (1 + q) / (1 - q)
+    assert shunt.quality == 6.0 and shunt.source_voltage == pytest.approx(0.5 * force / (gain * device.coupling))
+    # Where the source takes half of the drive, half of the motion is left: 6 dB.
+    assert found["ssdv"].attenuation_db - found["ssdi"].attenuation_db == pytest.approx(-6.02, abs=0.1)
+    drive = SineForce(amplitude=force, frequency=device.open_circuit_frequency)
+    motion = simulate(System(device, shunt), drive).displacement_amplitude
+    stiffness = device.damping * 2 * math.pi * drive.frequency + gain * device.coupling**2 / device.capacitance
+    assert motion == pytest.approx(0.5 * force / stiffness, rel=0.01)
+
+
+def test_what_stops_the_motion_of_several_modes_under_acceleration(host):
+    """The voltage is sum T_i H_i m_i a / sum T_i^2 H_i, with the response H_i of each mode to a force."""
+    second = Mode(mass=2e-3, damping=0.05, stiffness=2e3, coupling=-4e-4)
+    device, frequency, acceleration = host(0.01, 50, modes=(second,)), 70.0, 2.0
+    drive = SineBase(amplitude=acceleration, frequency=frequency)
+    leads = Drafting(device, (), DesignOptions(), operation_of(drive, None, device)).leads
+    omega = 2 * math.pi * frequency
+    modes = (device, second)
+    moved = [m.coupling / (m.stiffness + 1j * omega * m.damping - m.mass * omega**2) for m in modes]
+    by_drive, by_voltage = (
+        sum(h * f for h, f in zip(moved, forces, strict=True))
+        for forces in ([m.mass * acceleration for m in modes], [m.coupling for m in modes])
+    )
+    wanted = abs(by_drive / by_voltage)
+    assert leads.blocking_voltage == pytest.approx(wanted, rel=1e-9)

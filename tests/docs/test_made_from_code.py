@@ -9,7 +9,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from made_from_code import effect_figures, equations, figures, reference, schema
+from made_from_code import cards, effect_figures, equations, figures, reference, schema
 
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench
@@ -142,7 +142,8 @@ def test_equations_of_shunts_are_those_of_the_circuits():
     pytest.importorskip("sympy", reason="the extra docs is not installed")
     examples = figures.examples()
     found = dict(equations.equations(examples))
-    assert set(examples) - set(found) <= {"adaptive_rl"}  # whose multiplier is a function of its own
+    assert set(found) == set(examples)
+    assert "averaging_time mean' - i_L i_T + mean = 0" in found["adaptive_rl"].split("shortest")[0]
     assert "L i_L' + R i_L - v = 0" in found["series_rl"]
     assert "open      i = 0" not in found["series_rl"]
     bridge = found["rectifier"].split("open+")[1]
@@ -150,6 +151,16 @@ def test_equations_of_shunts_are_those_of_the_circuits():
     assert "C_s v_dc' - i + v_dc/R_load = 0" in bridge
     assert "L i_L' - v + sqrt(L) i_L/(sqrt(C) Q_i) = 0" in found["parallel_sshi"].split("closed")[1]
     assert "reversed polarity" in found["rectifier"]
+
+
+def test_cells_of_tables_of_keys_know_their_columns():
+    table = "<table><thead><tr>{}</tr></thead><tbody><tr>\n{}</tr></tbody></table>"
+    three = table.format("<th>key</th><th>unit</th><th></th>", "<td><code>a</code></td><td>m</td><td>x</td>")
+    found = cards.with_headings(three)
+    assert found.startswith("<table data-cards><thead><tr><th>key</th>")
+    assert '<td data-heading="unit">m</td><td data-heading="">x</td>' in found
+    two = table.format("<th>a</th><th>b</th>", "<td>1</td><td>2</td>")
+    assert cards.with_headings(two) == two
 
 
 def test_every_effect_has_a_figure_in_which_it_shows(monkeypatch):

@@ -87,6 +87,19 @@ def test_ssdv_adds_its_source_to_the_inverted_voltage(source_voltage):
     assert amplitude(device, shunt, device.open_circuit_frequency) == pytest.approx(wanted, rel=5e-3)
 
 
+@pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.1, False)])
+def test_a_source_stops_the_motion_at_its_highest_voltage(share, holds):
+    """V_s = (pi/4) (F/T) (1-q)/(1+q), whatever the frequency: the source's friction is then as large as the drive."""
+    device, q = host(0.01, 50.0), inversion(6.0)
+    highest = math.pi / 4 * FORCE / device.coupling * (1 - q) / (1 + q)
+    shunt = SSDV(quality=6.0, flip_time=1e-5 / 50.0, source_voltage=share * highest)
+    # Its q is exp(-pi/(2 Q)), without the frequency's shift by the damping: q is 9e-4 off, and 1 - q 3e-3.
+    assert shunt.stopping_voltage(device.capacitance, FORCE / device.coupling) == pytest.approx(highest, rel=5e-3)
+    for frequency in (device.open_circuit_frequency, 48.5):
+        found = simulate(System(device, shunt), SineForce(amplitude=FORCE, frequency=frequency))
+        assert found.converged == holds
+
+
 def test_attenuation_reported_is_against_the_short_circuit_at_the_same_frequency():
     device = host(0.01, 50.0)
     f = device.open_circuit_frequency

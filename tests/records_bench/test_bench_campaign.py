@@ -47,6 +47,21 @@ def read(folder):
     return load_campaign(Path(folder) / "campaign.toml")
 
 
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        {"kind": "network", "netlist": "R1 1 2 1k\nL1 2 0 10\nR2 1 0 50k load"},
+        {"kind": "self_powered_ssdi", "inductance": 0.1, "quality": 6, "envelope_capacitance": 1e-9, "threshold": 0.6},
+    ],
+    ids=lambda table: table["kind"],
+)
+def test_a_record_has_the_circuit_that_was_measured(run, shunt):
+    status, out, _ = run(tables(DRIVE, shunt, BENCH, duration=0.1, laser={"sensitivity": 1e4}))
+    assert (status, out) == (0, "out/campaign.toml\n")
+    (wanted,), (found,) = load_study("study.toml").shunts, read("out").records
+    assert found.shunt == wanted
+
+
 def test_what_is_written_is_what_was_measured(run, tmp_path):
     status, out, err = run(tables(duration=0.5, truth=True))
     assert (status, out) == (0, "out/campaign.toml\n")
@@ -230,9 +245,9 @@ WRONG = {
     "twice": ({"records": [{"load_resistance": 1e4, "shunt": LOAD}]}, f"{RECORD}.shunt: load_resistance is given too"),
     "role": ({"records": [{"role": "test"}]}, f"{RECORD}.role: found 'test', must be 'fit' or 'validate'"),
     "kind": ({"records": [{"excitation": {"kind": "sine"}}]}, f"{RECORD}.excitation.kind: found 'sine'"),
-    "network": (
-        {"records": [{"shunt": {"kind": "network", "netlist": "R1 1 0 1k"}}]},
-        f"{RECORD}.kind: found 'network', for which the virtual bench has no circuit, allowed are open, short, "
+    "spice": (
+        {"records": [{"shunt": {"kind": "spice", "netlist": "* a load\nR1 p 0 1k", "load": ["R1"]}}]},
+        f"{RECORD}.kind: found 'spice', for which the virtual bench has no circuit, allowed are open, short, "
         "resistor, ",
     ),
     "small": ({"records": [{"load_resistance": 50.0}]}, f"{RECORD}.resistance: found 50 ohm, must be at least "),

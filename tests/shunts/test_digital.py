@@ -137,6 +137,28 @@ def test_limit_of_a_resistance_across_a_capacitor(late):
     assert stability_limit(System(clamped, shunt), "sample_time") == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.parametrize("late", [1, 2, 33, 1000])
+def test_limit_of_the_delay_of_a_resistance_across_a_capacitor(late):
+    """Of the same loop with g = 2 sin(pi/(4 d + 2)): d whole sample times, however many these are."""
+    resistance = 1e-5 / (DEVICE.capacitance * 2 * np.sin(np.pi / (4 * late + 2)))
+    clamped = dataclasses.replace(DEVICE, coupling=0.0)
+    shunt = Digital(numerator=(1.0,), denominator=(resistance,), sample_time=1e-5)
+    assert stability_limit(System(clamped, shunt)) == pytest.approx(late * 1e-5, rel=1e-9)
+
+
+def test_no_delay_is_too_long_for_a_loop_of_little_gain():
+    """A weak branch without a path for charge that stays: its gain is below one at every frequency."""
+    shunt = Digital(numerator=(1e-8, 0.0), denominator=(1e-9 * 3e5, 1.0), sample_time=PERIOD / 50)
+    assert np.isinf(stability_limit(System(DEVICE, shunt)))
+    for delay in (0.5, 7.3, 31.9):
+        late = dataclasses.replace(shunt, delay=delay * shunt.sample_time)
+        assert sampled_loop(System(DEVICE, late)).radius < 1
+    strong = dataclasses.replace(shunt, numerator=(4e-8, 0.0))
+    limit = stability_limit(System(DEVICE, strong))
+    late = [dataclasses.replace(strong, delay=share * limit) for share in (1 - 1e-6, 1 + 1e-6)]
+    assert [sampled_loop(System(DEVICE, each)).radius < 1 for each in late] == [True, False]
+
+
 def test_the_limit_is_where_simulated_motions_begin_to_grow():
     limit = stability_limit(System(DEVICE, RL))
     assert RL.sample_time < limit < 2 * RL.sample_time
@@ -153,9 +175,11 @@ def test_the_limit_is_where_simulated_motions_begin_to_grow():
 
 def test_without_samples_the_limit_is_that_of_the_delay_alone():
     # The current is late by the delay and, as it is held, by half a sample time on average.
-    found = [stability_limit(System(DEVICE, dataclasses.replace(RL, sample_time=PERIOD / n))) for n in (100, 400)]
-    late = [limit + 0.5 * PERIOD / n for limit, n in zip(found, (100, 400), strict=True)]
+    rates = (100, 400, 10000)
+    found = [stability_limit(System(DEVICE, dataclasses.replace(RL, sample_time=PERIOD / n))) for n in rates]
+    late = [limit + 0.5 * PERIOD / n for limit, n in zip(found, rates, strict=True)]
     assert late[0] == pytest.approx(late[1], rel=2e-3)
+    assert late[1] == pytest.approx(late[2], rel=2e-4)
 
 
 @pytest.mark.parametrize("share", [0.5, 3.0])

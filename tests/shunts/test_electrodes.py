@@ -28,6 +28,8 @@ from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.run import Machine
 from piezoharvest.linear import assemble, frequency_response, poles, resonances
+from piezoharvest.readers import ReadError
+from piezoharvest.readers.uff import ModeShapes
 from piezoharvest.spice import export_spice
 from piezoharvest.study import StudyError, load_study
 
@@ -310,6 +312,34 @@ def test_a_host_by_its_shapes_in_a_universal_file(tmp_path, units):
         pair = [frequency_response(system, np.array([40.0, 51.0, 300.0]), base=by_base) for system in (found, wanted)]
         np.testing.assert_allclose(pair[0].displacement, pair[1].displacement, rtol=1e-4)
         np.testing.assert_allclose(pair[0].voltage, pair[1].voltage, rtol=1e-4)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.4], ids=["in phase", "out of phase"])
+def test_complex_modes_of_a_modal_test(tmp_path, turned):
+    """Written by pyuff: scaled so that the residues are shape^2/(modal A), with a node that may lag."""
+    pyuff = pytest.importorskip("pyuff")
+    omega, ratio = 2 * np.pi * np.array([50.0, 310.0]), np.array([0.01, 0.004])
+    poles = omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
+    shape, scales = np.array([[1.2, 0.7], [-0.9, 1.1]]), np.array([0.3 - 2j, 40 + 7j])
+    lag = np.exp(1j * np.array([0.0, turned]))
+    for n, (pole, own, scale) in enumerate(zip(poles, shape, scales, strict=True), 1):
+        given = own * lag * np.sqrt(scale / (2j * pole.imag))
+        mode = {
+            "type": 55, "model_type": 1, **{f"id{k}": "NONE" for k in range(1, 6)}, "analysis_type": 3, "data_ch": 2,
+            "spec_data_type": 8, "data_type": 5, "n_data_per_node": 3, "load_case": 1, "mode_n": n, "eig": pole,
+            "modal_a": scale, "modal_b": -scale * pole, "node_nums": np.array([1, 2]), "r1": 0 * given, "r2": 0 * given,
+            "r3": given,
+        }  # fmt: skip
+        pyuff.UFF(str(tmp_path / "host.unv")).write_sets(mode, "add")
+    if turned:
+        with pytest.raises(ReadError, match=r"mode 1 is complex, of whose shape \d+% is out of phase, allowed"):
+            ModeShapes(tmp_path / "host.unv")
+        return
+    found = ModeShapes(tmp_path / "host.unv")
+    assert found.frequency == pytest.approx(omega / (2 * np.pi), rel=1e-4)
+    assert found.damping_ratio == pytest.approx(ratio, rel=1e-3)
+    driven, seen = (found.at(f"{node}+Z", "force") for node in (1, 2))
+    assert driven * seen == pytest.approx(shape[:, 0] * shape[:, 1], rel=1e-4)
 
 
 def state_space(frequency, ratio, inputs, outputs):

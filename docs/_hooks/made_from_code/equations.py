@@ -50,6 +50,7 @@ def _evaluated(shunt: Shunt) -> tuple[list[str], dict[str, list[str]], bool] | N
         states = [state.name for state in model.states(port.capacitance)]
         z = SimpleNamespace(**{name: sympy.Symbol(_STATES.get(name, name)) for name in states})
         dz = SimpleNamespace(**{name: sympy.Symbol(f"{_STATES.get(name, name)}'") for name in states})
+        vars(z).update({name: first * second for name, (first, second) in model.factors(port, z).items()})
         names = [name for name in model.configurations() if not name.endswith("-")]  # which mirror those with a +
         rows = {name: [_text(row) for row in model.equations(name, port, z, dz)] for name in names[:_MOST]}
     except (TypeError, AttributeError, ValueError):
@@ -93,5 +94,6 @@ def _section(states: list[str], rows: Mapping[str, list[str]], cut: bool) -> str
     width = max(map(len, rows))
     lines = [f"{name if n == 0 else '':<{width}}  {row}" for name, each in rows.items() for n, row in enumerate(each)]
     more = ", without those that mirror one of them with reversed polarity" if any("+" in name for name in rows) else ""
-    said = f"the states are {', '.join(states)}" if states else "there are no states of its own"
+    strain = "i_T the strain current sum T_i x_i', " if any("i_T" in line for line in lines) else ""
+    said = strain + (f"the states are {', '.join(states)}" if states else "there are no states of its own")
     return _HEAD.format(states=said, some=f"{more} (the first {_MOST})" if cut else more, lines="\n".join(lines))

@@ -24,6 +24,7 @@ class SwitchDelay(BenchEffect):
     time_lag: float = quantity("s", "delay in addition to the nominal one", at_least=0, null=0.0)
 
     def connect(self, shunt):
+        """The circuit with `time_lag` added to its own."""
         return relabelled(shunt, "time_lag", lambda label: label + self.time_lag)
 
 
@@ -36,6 +37,7 @@ class InversionLoss(BenchEffect):
     quality: float = quantity("", "quality of the switched loop", above=0.5)
 
     def connect(self, shunt):
+        """The circuit with the loop's quality replaced."""
         return relabelled(shunt, "quality", lambda label: self.quality)
 
 
@@ -48,6 +50,7 @@ class DiodeDropError(BenchEffect):
     diode_drop: float = quantity("V", "forward drop of one diode", at_least=0)
 
     def connect(self, shunt):
+        """The circuit with the diodes' drop replaced."""
         return relabelled(shunt, "diode_drop", lambda label: self.diode_drop)
 
 
@@ -60,6 +63,7 @@ class OnTimeOffset(BenchEffect):
     on_time_error: float = quantity("", "relative error in addition to the nominal one", above=-1, null=0.0)
 
     def connect(self, shunt):
+        """The circuit with the relative error added to that of its on-time."""
         return relabelled(shunt, "on_time_error", lambda label: label + self.on_time_error)
 
 
@@ -72,6 +76,7 @@ class MissedSwitching(BenchEffect):
     threshold: float = quantity("V", "electrode voltage below which the switch does not act", at_least=0, null=0.0)
 
     def connect(self, shunt):
+        """The circuit with a detector whose threshold is at least this one."""
         return relabelled(shunt, "detector_threshold", lambda label: max(label, self.threshold))
 
 
@@ -84,6 +89,7 @@ class ReverseLeakage(BenchEffect):
     conductance: float = quantity("S", "reverse conductance of one diode", at_least=0, null=0.0)
 
     def connect(self, shunt):
+        """The circuit with the conductance added to that of its diodes."""
         return relabelled(shunt, "diode_leakage", lambda label: label + self.conductance)
 
 
@@ -101,6 +107,7 @@ class VoltageReversion(BenchEffect):
     time_constant: float = quantity("s", "time constant with which it is lost, electrodes open", above=0)
 
     def act(self, model, duration):
+        """Add the charge behind the resistance as a state, and draw its current."""
         if not self.share:
             return
         clamped = model.transducer.capacitance
@@ -125,6 +132,7 @@ class ProbeLoading(BenchEffect):
     place: Literal["leads", "dc"] = described("across the electrodes, or across the dc side", default="leads")
 
     def act(self, model, duration):
+        """Draw the meter's current from the leads, and put its capacitance beside C."""
         if self.place == "dc":
             return
         model.drawn.append(lambda m: m.v / self.resistance)
@@ -135,6 +143,7 @@ class ProbeLoading(BenchEffect):
         model.beside += self.capacitance
 
     def connect(self, shunt):
+        """The circuit with the meter beside its dc load."""
         if self.place == "leads" or getattr(shunt, "smoothing_capacitance", None) is None:
             return shunt
         shunt = relabelled(shunt, "smoothing_capacitance", lambda label: label + self.capacitance)

@@ -20,6 +20,7 @@ class Leakage(BenchEffect):
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 
     def act(self, model, duration):
+        """Draw v/R from the node beside the load."""
         model.drawn.append(lambda m: m.v / self.resistance)
 
 
@@ -32,6 +33,7 @@ class BiasCurrent(BenchEffect):
     current: float = quantity("A", "current into the positive lead", null=0.0)
 
     def act(self, model, duration):
+        """Draw the negative of the current, which flows in."""
         model.drawn.append(lambda m: -self.current + 0.0 * m.v)
 
 
@@ -45,6 +47,8 @@ class DielectricRelaxation(BenchEffect):
     time_constant: float = quantity("s", "time constant of the branch", above=0)
 
     def act(self, model, duration):
+        """Add the slow charge as a state."""
+
         def rate(m):
             return (self.capacitance * m.v_t - m.y[row]) / self.time_constant
 
@@ -62,6 +66,7 @@ class VoltageDependentCapacitance(BenchEffect):
     beta: float = quantity("1/V^2", "relative change of the charge, per squared volt", null=0.0)
 
     def act(self, model, duration):
+        """Replace the dielectric by the bent one."""
         if not self.beta:
             return
         if model.beside:
@@ -87,6 +92,7 @@ class NonlinearCoupling(BenchEffect):
     quadratic_coupling: float = quantity("C/m^2", "quadratic coupling T2", null=0.0)
 
     def act(self, model, duration):
+        """Set the quadratic coupling."""
         model.quadratic_coupling, model.smooth = self.quadratic_coupling, model.smooth or self.quadratic_coupling != 0
 
 
@@ -99,5 +105,6 @@ class CouplingDrift(BenchEffect):
     relative_drift: float = quantity("", "relative change over a record", null=0.0)
 
     def act(self, model, duration):
+        """Set the rate at which the coupling changes."""
         model.coupling_rate = self.relative_drift / duration
         model.smooth = model.smooth or self.relative_drift != 0

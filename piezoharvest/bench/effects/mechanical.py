@@ -24,6 +24,7 @@ class Creep(BenchEffect):
     time_constant: float = quantity("s", "retardation time", above=0)
 
     def act(self, model, duration):
+        """Add the element's displacement as a state, and its force on the mode."""
         stiffness, ratio = model.transducer.stiffness, self.compliance_ratio
 
         def rate(m):
@@ -42,6 +43,7 @@ class Stiffening(BenchEffect):
     cubic_stiffness: float = quantity("N/m^3", "cubic stiffness k3", null=0.0)
 
     def act(self, model, duration):
+        """Add the cubic force."""
         model.forces.append(lambda m: -self.cubic_stiffness * m.x[0] ** 3)
         model.smooth = model.smooth or self.cubic_stiffness != 0
 
@@ -56,4 +58,5 @@ class Friction(BenchEffect):
     threshold: float = quantity("m", "displacement at which it slips", above=0)
 
     def act(self, model, duration):
+        """Add the stop operator."""
         model.add_friction(self.stiffness, self.threshold)

@@ -29,6 +29,7 @@ class ContactCompliance(BenchEffect):
     )
 
     def act(self, model, duration):
+        """Add the contact's approach to what the sensor reads."""
         if model.base:
             raise ParameterError("coefficient", "found a base excitation, but this effect needs a force on the joint")
         specimen = model.sensed
@@ -51,6 +52,7 @@ class DisplacementLag(BenchEffect):
     time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)
 
     def act(self, model, duration):
+        """Add the reading as a state that follows the displacement."""
         if not self.time_constant:
             return
         if model.reading is not None:
@@ -72,6 +74,7 @@ class ChannelSkew(BenchEffect):
     delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)
 
     def lateness(self, channel):
+        """The delay, of voltage and current."""
         return self.delay if channel in ("voltage", "current") else 0.0
 
 
@@ -85,6 +88,7 @@ class Clipping(BenchEffect):
     channel: Channel = described("channel that has the fault")
 
     def span(self, channel):
+        """The limit, of its channel."""
         return self.limit if channel == self.channel else np.inf
 
 
@@ -99,6 +103,7 @@ class MainsHum(BenchEffect):
     channel: Channel = described("channel that has the fault")
 
     def disturbance(self, channel, time, rng):
+        """The interference at these times, on its channel."""
         if channel != self.channel:
             return 0.0
         return self.amplitude * np.sin(2 * np.pi * (self.frequency * time + rng.random()))
@@ -116,6 +121,7 @@ class LoadError(BenchEffect):
     )
 
     def connect(self, shunt):
+        """The circuit with its load resistance larger by the error."""
         if isinstance(shunt, Resistor) and self.resistance in (None, shunt.resistance):
             return replace(shunt, resistance=shunt.resistance * (1.0 + self.relative_error))
         return shunt

@@ -20,6 +20,9 @@ from piezoharvest.bench.solver.stepper import Stepper, Trial
 TOLERANCE = 1e-7
 # Smallest size of a state, relative to its value if it held all the energy.
 MIN_SIZE = 1e-3
+# The same of a circuit that may make much of what is small: an output that runs away from rest until it is at its limit
+# has its phase from then on from its first moments.
+MIN_ACTIVE = 1e-12
 # A guard counts as crossed beyond this fraction of its size, which is above rounding.
 SLACK = 1e-10
 # Limits of trial steps in a run, and per interval between nodes: most records take one to three per interval, one with
@@ -68,7 +71,8 @@ class Integrator:
         self.force = float(self.drives[0, 0])
         self.t, self.y, self.h = float(nodes[0]), rest(model, drive.rest), float(lengths.max())
         typical = np.abs(self.drives).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
-        self.sizes = np.maximum(np.abs(self.y), MIN_SIZE * typical / model.scale + 1e-300)
+        least = MIN_ACTIVE if model.circuit.active else MIN_SIZE
+        self.sizes = np.maximum(np.abs(self.y), least * typical / model.scale + 1e-300)
         # Largest values at changes of branch so far of voltage, current, what the switch watches, and the rate of each
         # stop's coordinate. A current that begins at zero has its size from the voltage that drives it.
         self.peaks: dict[str | int, float] = {
@@ -227,6 +231,7 @@ class Integrator:
             self.model.circuit.switch.turn(guard - timing, self.t, self._moment().v[0])
             return
         if guard < own:
+            self._moment()  # which the circuit watches
             self.model.circuit.fire(guard)
             self.model.circuit.blocked(self.y[self.model.own_rows.stop :])
             self.model.tie(self.t, self.y)
@@ -249,7 +254,7 @@ class Integrator:
             *((stop.row, m.rates[stop.row]) for stop in model.all_stops),
         ]:
             self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
-        of_circuit = self.peaks["A" if model.circuit.conducting else "V"]
+        of_circuit = self.peaks[model.circuit.guard_unit]
         of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
         self.guard_sizes = np.array(
             [of_circuit] * model.circuit.guard_count

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from piezoharvest.bench.solver.circuits import Circuit
+from piezoharvest.bench.solver.loads.circuits import Circuit
 from piezoharvest.bench.solver.stops import Stop
 from piezoharvest.description.transducer import Transducer
 

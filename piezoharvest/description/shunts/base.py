@@ -5,12 +5,33 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from piezoharvest.description.circuit import Assignment, Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.parameters import Component, ParameterError, described
 
 _MIRROR = str.maketrans("+-", "-+")
+
+
+class Leads(NamedTuple):
+    """What a circuit that a design makes up may be sized by: the transducer's leads in operation.
+
+    Attributes
+    ----------
+    capacitance : float
+        Clamped one, F.
+    frequency : float
+        Of the operation, Hz.
+    open_voltage : float
+        Amplitude at open electrodes, V.
+    blocking_voltage : float
+        Amplitude that would stop the motion sum T_i x_i against the excitation, V.
+    """
+
+    capacitance: float
+    frequency: float
+    open_voltage: float
+    blocking_voltage: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,10 +102,10 @@ class Shunt(Component):
         return {}, ""
 
     @classmethod
-    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+    def assumed_if_named(cls, leads: Leads, values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         """As `assumed`, of a kind that a design tries only where its candidates name it.
 
-        `voltage` is the amplitude of the open electrodes in operation, V.
+        `values` are those of other keys, so far as they are known.
         """
         return {}, ""
 

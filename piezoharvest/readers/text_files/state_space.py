@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,8 @@ _BANNER = re.compile(r"^%%MatrixMarket\b.*$", re.MULTILINE | re.IGNORECASE)
 _CLOSE = 1e-6  # relative, of what must be zero or one: a dozen digits are written
 
 
-class StateSpaceModes(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class StateSpaceModes:
     """Modes of a state-space model.
 
     Attributes
@@ -43,6 +45,18 @@ class StateSpaceModes(NamedTuple):
     damping_ratio: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
+
+    def at(self, number: Any, key: str) -> np.ndarray | None:
+        """Shapes (n,) at an output, of the "sensor", or else at an input, by its number from 1 on; raises `ReadError`.
+
+        None for the "base", of which the file knows nothing.
+        """
+        if key == "base":
+            return None
+        known, where = (self.outputs, "rows of C") if key == "sensor" else (self.inputs.T, "columns of B")
+        if type(number) is not int or not 1 <= number <= len(known):
+            raise ReadError(f"found {number!r:.40}, must be a number from 1 to {len(known)}, the {where}")
+        return known[number - 1]
 
 
 def read_state_space(path: Path) -> StateSpaceModes:

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_choice, described, quantity
-from piezoharvest.description.shunts.base import LinearShunt, Shunt
+from piezoharvest.description.shunts.base import Leads, LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.parallel_rl import ParallelRL
 from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 
@@ -26,10 +26,12 @@ class AdaptiveRL(Shunt):
     """Synthetic inductance that adapts itself to a drifting resonance, in series or parallel with a resistance.
 
     At the electrical resonance, omega^2 L C = 1, the coil's current i and the strain current sum T_i x_i' are in
-    quadrature: the mean of their product is zero, and its sign tells whether L is too large or too small. With g =
-    L_0/L, where L_0 is the `inductance` at the start, the circuit solves
+    quadrature: the mean p of their product is zero, and its sign tells whether L is too large or too small. With g =
+    L_0/L, where L_0 is the `inductance` at the start, and the voltage u across the coil, the circuit solves
 
-        L_0 i' = g (voltage across the coil)      averaging_time p' = i sum T_i x_i' - p      g' = adaptation_rate p
+        L_0 i' = g u
+        averaging_time p' = i sum T_i x_i' - p
+        g' = adaptation_rate p
 
     while L is within its limits. At a limit, L stays there until p changes sign. The multiplier is that of the source,
     its filter is of first order. As p is proportional to the square of the amplitude, so is the speed of adaptation.
@@ -75,15 +77,15 @@ class AdaptiveRL(Shunt):
             raise ParameterError("inductance", f"found {np.max(self.inductance):g} H, must be within {limits}")
 
     @classmethod
-    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
-        omega = 2 * np.pi * frequency
-        strain = ASSUMED_SHARE * omega * capacitance * voltage  # current, A
-        values = {
+    def assumed_if_named(cls, leads: Leads, values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+        capacitance, omega = leads.capacitance, 2 * np.pi * leads.frequency
+        strain = ASSUMED_SHARE * omega * capacitance * leads.open_voltage  # current, A
+        own = {
             "inductance": 1 / (omega**2 * capacitance), "resistance": 0.2 / (omega * capacitance),
-            "adaptation_rate": frequency / (ASSUMED_PERIODS * strain**2),
-            "averaging_time": AVERAGED_PERIODS / frequency,
+            "adaptation_rate": leads.frequency / (ASSUMED_PERIODS * strain**2),
+            "averaging_time": AVERAGED_PERIODS / leads.frequency,
         }  # fmt: skip
-        return values, f"adaptation over some {ASSUMED_PERIODS:g} periods, mean over {AVERAGED_PERIODS:g}"
+        return own, f"adaptation over some {ASSUMED_PERIODS:g} periods, mean over {AVERAGED_PERIODS:g}"
 
     @property
     def span(self) -> tuple[Any, Any]:

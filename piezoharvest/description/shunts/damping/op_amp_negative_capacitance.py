@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import Leads, Shunt
 from piezoharvest.description.shunts.bridge import sign_of
 
 ASSUMED_SHARE = 0.5  # of the clamped capacitance, at which the electrodes become unstable
@@ -36,13 +36,14 @@ class OpAmpNegativeCapacitance(Shunt):
     saturation: float = quantity("V", "largest output voltage, of either sign", above=0)
 
     @classmethod
-    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
-        values = {
-            "capacitance": ASSUMED_SHARE * capacitance, "resistance": 1 / (2 * np.pi * frequency * capacitance),
+    def assumed_if_named(cls, leads: Leads, values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+        own = {
+            "capacitance": ASSUMED_SHARE * leads.capacitance,
+            "resistance": 1 / (2 * np.pi * leads.frequency * leads.capacitance),
             "gain_bandwidth": GENERAL_PURPOSE, "saturation": ASSUMED_SUPPLY,
         }  # fmt: skip
-        note = f"-{values['capacitance']:.3g} F, half of what is unstable, of an amplifier of {GENERAL_PURPOSE:g} Hz"
-        return values, f"{note} whose output reaches {ASSUMED_SUPPLY:g} V"
+        note = f"-{own['capacitance']:.3g} F, half of what is unstable, of an amplifier of {GENERAL_PURPOSE:g} Hz"
+        return own, f"{note} whose output reaches {ASSUMED_SUPPLY:g} V"
 
     @property
     def tuned(self) -> tuple[str, ...]:

@@ -1,9 +1,11 @@
 """Full-wave diode bridge into a battery."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.base import Leads
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 CELL = 3.7  # V, nominal, of one lithium-ion cell
@@ -32,7 +34,7 @@ class Battery(Rectifier):
     )
 
     @classmethod
-    def assumed_if_named(cls, capacitance: float, frequency: float, voltage: float) -> tuple[dict[str, Any], str]:
+    def assumed_if_named(cls, leads: Leads, values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         return {"dc_voltage": CELL}, f"a lithium-ion cell of {CELL} V"
 
     def __post_init__(self) -> None:

@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
-from piezoharvest.bench.solver.circuits import Circuit, Rectifier
-from piezoharvest.bench.solver.switch import Switch
+from piezoharvest.bench.solver.loads.circuits import Circuit, Rectifier
+from piezoharvest.bench.solver.loads.switch import Switch
+from piezoharvest.description.parameters import ParameterError
 
 
 class Switched:
@@ -90,6 +91,9 @@ class SSDI(Switched, Circuit):
         impedance = math.sqrt(self.inductance / capacitance)
         self.wound = impedance / self.quality  # ohm, of the winding alone
         self.resistance = self.wound + (self.switch_resistance or 0.0)
+        if self.resistance >= 2.0 * impedance:
+            allowed = f"must be less than {2.0 * impedance - self.wound:.4g} ohm, with which the voltage swings"
+            raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
         damped = math.sqrt(1.0 - 0.25 * (self.resistance / impedance) ** 2)
         self.on_time = math.pi * math.sqrt(self.inductance * capacitance) / damped * (1.0 + self.on_time_error)
         self.surge = math.sqrt(capacitance / self.inductance)

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from piezoharvest.bench.solver.circuits import Circuit
+from piezoharvest.bench.solver.loads.circuits import Circuit
 
 
 class AdaptiveRL(Circuit):

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.bench.solver.switch import Switch
+from piezoharvest.bench.solver.loads.switch import Switch
 from piezoharvest.description.shunts import Shunt
 
 Flow = tuple[np.ndarray, Sequence[np.ndarray]]
@@ -33,8 +33,12 @@ class Circuit:
         Peak current of its switched loop per volt, A/V.
     switch : Switch or None
         Its timing, if it has one.
+    guard_unit : "A" or "V"
+        What its guards are.
     smooth : bool
         It is nonlinear between events.
+    active : bool
+        It may feed energy into an oscillation that grows from rest.
     real_coil : bool
         Its coil may have a core loss and a self-resonance.
     turning, voltage : (instants,) array
@@ -47,6 +51,7 @@ class Circuit:
     surge = 0.0
     switch: Switch | None = None
     smooth = False
+    active = False
     real_coil = False
     turning: np.ndarray
     voltage: np.ndarray
@@ -85,8 +90,13 @@ class Circuit:
 
     @property
     def conducting(self) -> int:
-        """Sign of the voltage at which a bridge conducts, 0 where it blocks: its guards are a current, or voltages."""
+        """Sign of the voltage at which a bridge conducts, 0 where it blocks."""
         return self.branch
+
+    @property
+    def guard_unit(self) -> str:
+        """A current while a bridge conducts, else voltages."""
+        return "A" if self.conducting else "V"
 
     def blocked(self, z: np.ndarray) -> None:
         """Change the states after a guard has crossed zero."""
@@ -173,6 +183,7 @@ class NegativeCapacitance(Circuit):
     capacitance: float
     resistance: float
     topology: str
+    active = True
 
     def __init__(self, shunt):
         super().__init__(shunt)
@@ -196,6 +207,7 @@ class OpAmpNegativeCapacitance(Circuit):
     gain_bandwidth: float
     saturation: float
     guard_count = 2
+    active = True
 
     def meet(self, capacitance):
         self.storage = (self.capacitance,)

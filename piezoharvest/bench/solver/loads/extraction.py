@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from piezoharvest.bench.solver.circuits import Circuit
-from piezoharvest.bench.solver.switched import SSDI, Staged
+from piezoharvest.bench.solver.loads.circuits import Circuit
+from piezoharvest.bench.solver.loads.switched import SSDI, Staged
 
 
 def emptying(inductance: float, resistance: float, capacitance: float) -> float:
