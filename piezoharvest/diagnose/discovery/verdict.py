@@ -174,6 +174,10 @@ def without_riders(
     kept: dict[int, float] = {}
     for n in reversed((*beside, *laws.earlier)):
         final, effect = laws.found[-1].final, laws.effects[n]
+        freedom = sum(p.path[:2] == ("effects", n) for p in final.model.parameters)
+        if not freedom:  # a drop of diodes that their law has replaced
+            kept[n] = _p_value(laws.found[-1])
+            continue
         decrease, less = np.inf, without_effect(problem, final, n)
         if less is not None:
             decrease, shorter = less.cost - final.cost, _without(campaign, before, laws, n, less)
@@ -183,7 +187,7 @@ def without_riders(
                 kept = {m - (m > n): p for m, p in kept.items()}
                 continue
         if n in beside:
-            kept[n] = float(chi2.sf(decrease, sum(p.path[:2] == ("effects", n) for p in final.model.parameters)))
+            kept[n] = float(chi2.sf(decrease, freedom))
     return laws, kept
 
 

@@ -175,20 +175,15 @@ def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None):
     return {"time_s": times, "force": drive(times), "displacement": x, "voltage": v, "dc_voltage": dc}
 
 
-def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES, true_drop=None):
-    """Campaign of `drives`, each record behind one of `kinds`; nominal values are off.
-
-    With `true_drop` the diodes do not drop what the labels say.
-    """
+def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES):
+    """Campaign of `drives`, each record behind one of `kinds`; nominal values are off."""
     rng, folder = np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = {name: value * (1.0 + off * rng.uniform(-1, 1)) for name, value in BEAM.items()}
     text = ["[transducer]", "quasi_static = false", *(f"{name} = {value!r}" for name, value in nominal.items())]
     for n, (drive, kind) in enumerate(zip(drives, kinds, strict=True)):
         label = LABELS[kind].items()
-        true = switched(
-            kind, laws, drive, label=None if true_drop is None else {**LABELS[kind], "diode_drop": true_drop}
-        )
+        true = switched(kind, laws, drive)
         read = {name: true[name] + laws.reading[name](true) if name in laws.reading else true[name] for name in true}
         noisy = [read[name] + NOISE.get(name, 0.0) * rng.standard_normal(len(read["time_s"])) for name in UNITS]
         header = ",".join(["time_s", *(f"{name}_{unit}" for name, unit in UNITS.items())])

@@ -1,5 +1,8 @@
 """Laws with a memory: predicted and simulated as SciPy integrates them, found at their place, closing their energy."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, Gentle, Laws, nameless_campaign
@@ -7,13 +10,17 @@ from remembering import delayed, lagging, relaxing, resonating, ringing, rubbing
 from scipy.integrate import cumulative_simpson
 
 from piezoharvest import Open, Resistor, SineForce, System, Transducer, simulate
-from piezoharvest.description.effects.nameless.forms import Line
+from piezoharvest.description.effects.nameless.forms import Knee, Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Capacitor, Electrodes, Load, Reading, Spring
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.diagnose.discovery.law_fits import law_parameters
+from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted, law_parameters, score, without_law
 from piezoharvest.diagnose.discovery.result import as_json, discovery
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 
@@ -148,6 +155,55 @@ def found_in(folder, laws, drive=Drive):
     """What a search finds in the fitted records of a campaign."""
     records = [(drive(each.amplitudes, each.frequencies, each.offset), load) for each, load in STACK]
     return searched(nameless_campaign(folder, "stack", laws, records, rate=400.0, duration=1.5))
+
+
+def test_what_the_sensor_of_the_force_shows_besides_does_not_act():
+    """A kinked reading of the drive: the rest of what is shown moves the specimen."""
+    shown = DRIVE(np.arange(2000) / RATE_OF_SAMPLES)
+    knee = Knee(factor=0.3, knee=0.012, sides=1)
+    found = predicted(Law(place=Reading("force", "force"), form=knee), shown)
+    wanted = predicted(Law(place=Spring(), form=Line(factor=0.0)), shown - knee.values(shown))
+    without = predicted(Law(place=Spring(), form=Line(factor=0.0)), shown)
+    assert np.all(np.abs(found - wanted).max(axis=1) < 2e-3 * np.abs(without - wanted).max(axis=1))
+
+
+@pytest.mark.slow
+def test_a_play_in_the_reading_of_the_force_is_found_there(tmp_path):
+    half, share = 40.0, 0.1
+    laws = Laws(reading={"force": lambda true: share * (with_play(true["force"], half) - true["force"])})
+    found = found_in(tmp_path, laws)
+    law = found.best.law
+    assert (law.place.name, law.place.input, law.memory.kind) == ("reading.force", "force", "play")
+    # Of what is shown, which within the play is less than what acts.
+    assert law.memory.threshold == pytest.approx(half * (1.0 - share), rel=0.01)
+    assert law.form.factor == pytest.approx(-share / (1.0 - share), rel=0.01)
+    assert not found.close
+
+
+def test_a_law_with_states_leaves_a_fit_without_them(tmp_path):
+    """What a fit knew of the beginnings of a memory goes with the law."""
+    records = [(Drive((0.02,), (48.0,)), LOAD), (Drive((0.02,), (52.0,)), LOAD)]
+    campaign = nameless_campaign(tmp_path, "beam", Laws(), records, rate=1000.0, duration=0.3)
+    problem = Problem(prepared(campaign, "fit"), campaign.transducer, ("displacement",))
+    base = identify(campaign, offsets=("displacement",)).found
+    base = replace(base, model=replace(base.model, at_rest=False))
+    law = Law(place=Spring(), form=Line(factor=-1.0), memory=Relaxation(time_constant=0.02))
+    with_it = fitted(problem, base, law, np.linspace(-1e-4, 1e-4, 9))
+    bare = without_law(problem, with_it)
+    sizes = [len(each) for each in bare.nuisance]
+    assert sizes == [len(each) for each in base.nuisance] < [len(each) for each in with_it.found.nuisance]
+    assert bare.information.shape == base.information.shape
+    assert score(problem, bare, Law(place=Spring(), form=Knee(factor=0.0, knee=1e-5)), with_it.visited) is not None
+
+
+@pytest.mark.parametrize(("frequency", "ends"), [(400.0, True), (60.0, False)])
+def test_a_memory_at_the_end_of_its_range_is_none(frequency, ends):
+    """A resonance that was looked for about 40 Hz and has gone to ten times as much is a straight line."""
+    begun = Law(place=Spring(), form=Line(factor=-1.0), memory=Resonance(frequency=40.0, damping_ratio=0.2))
+    moved = Law(place=Spring(), form=Line(factor=-1.0), memory=Resonance(frequency=frequency, damping_ratio=0.2))
+    model = Model(Transducer(**BEAM, effects=(moved,)), tuple(law_parameters(begun, 0)), ())
+    found = LawFit(SimpleNamespace(model=model), np.linspace(-1.0, 1.0, 3))
+    assert found.memory_at_its_end is ends
 
 
 @pytest.mark.slow
