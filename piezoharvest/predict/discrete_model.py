@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.drive import JUMP_PARTS, PolynomialDrive, drive_of, size_of
@@ -81,7 +82,7 @@ class Setting:
     fixed: tuple[tuple[str, float], ...] = ()
     harmonics: Harmonics | None = None
     gate: Edges | None = None
-    size: tuple[float, float] | None = None
+    size: RecordSizes | None = None
     acted: float = 0.0
 
     @property

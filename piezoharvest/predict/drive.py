@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
+
 SINE_ITERATIONS = 5  # of the fit of a sine, which doubles its digits with each
 MIN_JUMP = 0.1  # of the range: a larger change between two samples is a jump if the others are slower
 MIN_JUMP_RATIO = 8.0  # smallest ratio of a jump to the changes beside it
@@ -38,7 +40,7 @@ class PolynomialDrive(NamedTuple):
     jumps: np.ndarray
 
 
-def size_of(values: np.ndarray, sample_time: float) -> tuple[float, float]:
+def size_of(values: np.ndarray, sample_time: float) -> RecordSizes:
     """Amplitude of a drive, half of its range, and the frequency in Hz of its strongest line; zero where it is still.
 
     The line is interpolated in a windowed spectrum (Harris, Proc. IEEE 66(1), 51-83, 1978), and refined by the fit of a
@@ -47,12 +49,12 @@ def size_of(values: np.ndarray, sample_time: float) -> tuple[float, float]:
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     peak = int(np.argmax(power)) if len(power) > 2 else 0
     if not 0 < peak < len(power) - 1 or not np.all(power[peak - 1 : peak + 2] > 0.0):
-        return 0.5 * float(np.ptp(values)), 0.0
+        return RecordSizes(0.5 * float(np.ptp(values)), 0.0)
     a, b, c = np.log(power[peak - 1 : peak + 2])
     line = peak + (0.5 * (a - c) / (a - 2.0 * b + c) if a + c < 2.0 * b else 0.0)
     length = len(values) * sample_time
     found = _refined(values, sample_time, line / length)
-    return 0.5 * float(np.ptp(values)), found if abs(found * length - line) < 1.0 else float(line / length)
+    return RecordSizes(0.5 * float(np.ptp(values)), found if abs(found * length - line) < 1.0 else float(line / length))
 
 
 def _refined(values: np.ndarray, sample_time: float, frequency: float) -> float:

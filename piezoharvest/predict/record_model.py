@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.description.circuit import Port, Row
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
 from piezoharvest.description.transducer import Transducer
@@ -133,7 +134,7 @@ class RecordModel:
 
     def __init__(
         self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float,
-        size: tuple[float, float] | None = None,
+        size: RecordSizes | None = None,
     ) -> None:  # fmt: skip
         transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
         self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive

@@ -31,7 +31,7 @@ from piezoharvest.description.effects.nameless.places import (
     Reading,
     Spring,
 )
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, Stribeck
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.description.transducer import Transducer
@@ -52,6 +52,9 @@ LAWS = [
     Law(place=Damper(), form=Coulomb(factor=1e-3, width=1e-3, knots=(0.0, 0.1, 0.2))),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
+    Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),
+    Law(place=OverTime("coupling", "displacement_amplitude"), form=Line(factor=100.0)),
+    Law(place=Diode(reach=1e-3), form=Shockley(factor=0.05, scale=1e-8, resistance=3.0, knots=(0.0, 1e-3))),
     Law(place=Reading("displacement", "displacement"), form=Line(factor=-1.0), memory=Play(threshold=1e-6)),
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Capacitor(), form=Line(factor=1e-9), memory=Relaxation(time_constant=0.1)),

@@ -9,7 +9,7 @@ import numpy as np
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.places import (
     PARAMETERS_OVER_TIME,
-    SIZES,
+    TIMES,
     Capacitor,
     Coupling,
     Damper,
@@ -20,6 +20,7 @@ from piezoharvest.description.effects.nameless.places import (
     Reading,
     Spring,
 )
+from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.identify.fitting.data import Data
@@ -38,7 +39,7 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     inside += [] if quasi_static else [Damper()]
     inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
     inside += [kind(reach=_largest(visited[kind.input])) for kind in (Diode, SwitchLoop) if kind.input in visited]
-    moving = [of for of in ("time", *SIZES) if of in visited and _differs(visited[of])]
+    moving = [of for of in (*TIMES, *SIZES) if of in visited and _differs(visited[of])]
     names = [name for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
     inside += [OverTime(name, of) for name in names for of in moving]
     drives = dict.fromkeys(data.drive for data in records if data.drive in ACTING and not problem.needs_engine)

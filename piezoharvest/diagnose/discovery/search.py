@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.effects.nameless.forms import Bends, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play
-from piezoharvest.description.effects.nameless.places import OverTime, Place, Reading
+from piezoharvest.description.effects.nameless.places import TIMES, OverTime, Place, Reading
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
@@ -105,6 +105,19 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     return Found(best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known)
 
 
+def instead(problem: Problem, found: Found) -> Found | None:
+    """The same with the next place that fitted records do not rule out; None where there is none.
+
+    The best one goes: unseen records have ruled it out.
+    """
+    if not found.close:
+        return None
+    table, *rivals = found.close
+    forms = ranked(problem, table) if table.law.memory is None else [table]
+    best = _with_its_noise(problem, forms[0])
+    return replace(found, best=best, table=table, rivals=tuple(rivals), forms=tuple(forms), known=named(problem, best))
+
+
 def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:
     """The likeliest law as it was fitted first, and its forms: a free function, or a memory if that does better.
 
@@ -187,7 +200,7 @@ def _scored(problem: Problem, start: Fit) -> list[ScoredLaw]:
 
 def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | None:
     """What is tried first at a place: a table, but over time a straight line where the engine is needed."""
-    if problem.needs_engine and isinstance(place, OverTime) and place.of == "time":
+    if problem.needs_engine and isinstance(place, OverTime) and place.of in TIMES:
         return Line(factor=0.0)
     return table_for(place, visited)
 

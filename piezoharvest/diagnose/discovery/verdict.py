@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,7 +14,7 @@ from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
-from piezoharvest.diagnose.discovery.search import Found, can_search, search
+from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
@@ -149,18 +150,34 @@ def found_laws(
     kept: _Laws | None = None
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
         more = search(problem, kept.found[-1].final if kept else start, progress)
-        if more is None:
-            break
-        try:
-            laws = _judged(campaign, before, start, (*(kept.found if kept else ()), more))
-        except PredictionError:
-            break
-        own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
-        progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
-        if own < (thresholds.MIN_LAW_GAIN if kept else thresholds.MIN_SHARE_OF_PRESENT):
+        earlier = kept.found if kept else ()
+        laws = _confirmed(problem, earlier, more, partial(_judged, campaign, before, start), progress)
+        if laws is None:
             break
         kept = laws
     return kept if kept and _total_gain(kept) >= thresholds.MIN_LAW_GAIN else None
+
+
+def _confirmed(
+    problem: Problem, earlier: tuple[Found, ...], more: Found | None, judge: Callable[[tuple[Found, ...]], _Laws],
+    progress: Callable[[str], None],
+) -> _Laws | None:  # fmt: skip
+    """Earlier laws and one more, at the likeliest place that unseen records confirm; None where they confirm none."""
+    least = thresholds.MIN_LAW_GAIN if earlier else thresholds.MIN_SHARE_OF_PRESENT
+    while more is not None:
+        try:
+            laws = judge((*earlier, more))
+        except PredictionError:
+            return None
+        own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
+        progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+        if own >= least:
+            return laws
+        more = instead(problem, more)
+        if more is not None:
+            place = more.table.place
+            progress(f"fitted records do not rule out {place.name}, of {place.input.replace('_', ' ')}: tried instead")
+    return None
 
 
 def without_riders(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezoharvest.description.effects.nameless.circuit_places import has_diodes, has_loop
-from piezoharvest.description.effects.nameless.places import SIZES
+from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.shunts import SeriesSSHI
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -23,11 +23,13 @@ Visited = Mapping[str, np.ndarray]
 def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
     """Samples of every input over all records, free of the noise of sensors; time as a share of each record."""
     parts: dict[str, list[np.ndarray]] = {}
+    records = sum(isinstance(data, Data) for data in problem.data)
     for data, nuisance in zip(problem.data, found.nuisance, strict=True):
         if isinstance(data, Data):
             for name, values in _of_record(data, found, nuisance).items():
                 parts.setdefault(name, []).append(values)
-    return {name: np.concatenate(values) for name, values in parts.items()}
+    shared = {name for name in (*SIZES, "campaign_time") if len(parts.get(name, ())) < records}
+    return {name: np.concatenate(values) for name, values in parts.items() if name not in shared}
 
 
 def _channels(prediction: AnyPrediction, data: Data) -> list[str]:
@@ -46,10 +48,15 @@ def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.nda
     signals[data.drive] = data.record[data.drive] - data.rest
     step = data.setting.sample_time
     rates = {f"{name}_rate": np.gradient(signals[name], step) for name in (data.drive, "displacement")}
-    sizes = zip(SIZES, data.setting.size or (), strict=False)
+    sizes = data.setting.size
     currents = _currents_of_parts(data, found, signals)
-    constant = {name: np.full(len(data), value) for name, value in sizes}
-    return {**signals, **rates, **currents, **constant, "time": np.linspace(0.0, 1.0, len(data))}
+    share = np.linspace(0.0, 1.0, len(data))
+    if sizes is None:
+        return {**signals, **rates, **currents, "time": share}
+    over = {name: np.full(len(data), getattr(sizes, name)) for name in SIZES}
+    over["campaign_time"] = sizes.begin + sizes.length * share
+    known = {name: values for name, values in over.items() if np.all(np.isfinite(values))}
+    return {**signals, **rates, **currents, **known, "time": share}
 
 
 def _currents_of_parts(data: Data, found: Fit, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

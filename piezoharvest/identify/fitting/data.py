@@ -100,6 +100,25 @@ class Data:
 
 
 def data_of(record: Record, transducer: Transducer) -> Data:
+    """Prepare a record, with its sizes and when it was made.
+
+    Raises
+    ------
+    CampaignError
+        The samples are not uniform in time, or there are no responses.
+    """
+    data = _prepared(record, transducer)
+    size = data.setting.size
+    if size is None:
+        return data
+    signal = record.signals.get("displacement")
+    moved = np.nan if signal is None else float(np.sqrt(2.0) * np.std(record["displacement"]))
+    length = data.setting.sample_time * (len(record) - 1)
+    known = size._replace(displacement_amplitude=moved, begin=record.start_time, length=length)
+    return replace(data, setting=replace(data.setting, size=known))
+
+
+def _prepared(record: Record, transducer: Transducer) -> Data:
     """Prepare a record.
 
     Raises

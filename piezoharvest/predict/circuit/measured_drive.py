@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.excitation import Samples
 from piezoharvest.predict.drive import PolynomialDrive, corners_of, jumps_of
 
@@ -19,7 +20,7 @@ class MeasuredDrive(Samples):
     """
 
     values: np.ndarray = field(repr=False, compare=False)
-    size: tuple[float, float] | None = None  # type: ignore[misc]
+    size: RecordSizes | None = None  # type: ignore[misc]
     base: bool = False  # type: ignore[misc]
     imposed: bool = False  # type: ignore[misc]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.excitation import Excitation, Tones
 from piezoharvest.records.harmonics import Harmonics
 
@@ -18,7 +19,7 @@ class PeriodicDrive(Excitation):
     """
 
     harmonics: Harmonics = field(repr=False, compare=False)
-    size: tuple[float, float] | None = None  # type: ignore[misc]
+    size: RecordSizes | None = None  # type: ignore[misc]
     base: bool = False  # type: ignore[misc]
 
     @property

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.numbers import Numbers
+from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.parameters import STEP
 from piezoharvest.predict.prediction import PredictionError
@@ -36,7 +37,7 @@ class SampledCourse(NamedTuple):
     drive: np.ndarray
     time: np.ndarray
     step: float
-    size: tuple[float, float] | None = None
+    size: RecordSizes | None = None
 
 
 class Readings(Numbers):

@@ -51,6 +51,8 @@ def _in_steady_state(setting: Setting, harmonics: Harmonics) -> Setting:
     """Setting with a periodic drive."""
     values = harmonics.at(setting.sample_time * np.arange(setting.count))
     size = size_of(values, setting.sample_time)
+    if setting.size is not None:
+        size = setting.size._replace(amplitude=size.amplitude, frequency=size.frequency)
     return replace(setting, first=float(values[0]), motion=drive_of(values), size=size, harmonics=harmonics)
 
 

@@ -12,7 +12,8 @@ from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, Memory, Play
-from piezoharvest.description.effects.nameless.places import SIZES, Place, Reading
+from piezoharvest.description.effects.nameless.places import Place, Reading
+from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 
@@ -54,8 +55,8 @@ class Law(Effect):
 
     @property
     def of_drive(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """True if the input is the size of the drive, which is one number in a record."""
-        return self.place.input in SIZES
+        """True if the input is a size of the record, or when it was made."""
+        return self.place.input in (*SIZES, "campaign_time")
 
     @property
     def absent(self) -> bool:

@@ -12,6 +12,7 @@ from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
 from piezoharvest.description.effects.nameless.numbers import Numbers
+from piezoharvest.description.effects.nameless.sizes import SIZES, RecordSizes
 from piezoharvest.description.parameters import Component, check_choice
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder, SpecimenRows
 from piezoharvest.description.shunts.base import Shunt
@@ -19,7 +20,7 @@ from piezoharvest.description.shunts.base import Shunt
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
     "voltage": "V", "current": "A", "dc_voltage": "V", "dc_current": "A", "time": "", "amplitude": "",
-    "frequency": "Hz", "diode_current": "A", "loop_current": "A",
+    "frequency": "Hz", "displacement_amplitude": "m", "campaign_time": "s", "diode_current": "A", "loop_current": "A",
 }  # fmt: skip
 CHANNELS = (
     "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
@@ -227,7 +228,10 @@ class Reading(Place):
 
 @dataclass(frozen=True)
 class OverTime(Place):
-    """Relative change of a parameter over the time of a record, or with amplitude or frequency of its drive."""
+    """Relative change of a parameter over the time of a record or of the campaign, or with a size of the record.
+
+    A simulation has no time in a campaign: there a parameter is what it is at its beginning.
+    """
 
     parameter: str
     of: str = "time"
@@ -237,7 +241,7 @@ class OverTime(Place):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_choice("parameter", self.parameter, PARAMETERS_OVER_TIME)
-        check_choice("of", self.of, ("time", *SIZES))
+        check_choice("of", self.of, (*TIMES, *SIZES))
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -246,7 +250,7 @@ class OverTime(Place):
 
     @property
     def input(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """What it changes with: time, amplitude or frequency."""
+        """What it changes with."""
         return self.of
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
@@ -279,20 +283,27 @@ class OverTime(Place):
         return [Product(terms.transducer.damping * number, terms.u, terms.u)]
 
     def _product(self, specimen: EquationBuilder, form: Form) -> Callable[[Row], Row] | None:
-        """The relative change times a row: in a record one number, but over time; None where the drive has no size."""
-        if self.of == "time":
-            change = form.row(specimen, specimen.time)
+        """The relative change times a row: in a record one number, but over time; None where that is not known."""
+        if self.of in TIMES:
+            time = specimen.time
+            if self.of == "campaign_time":
+                sizes = RecordSizes(*(specimen.size or (0.0, 0.0)))
+                if np.isnan(sizes.begin):
+                    return None
+                time = sizes.begin * specimen.one + sizes.length * time
+            change = form.row(specimen, time)
             return lambda row: specimen.product(change, row)
         number = self._number(specimen.size, form)
         return None if number is None else lambda row: number * row
 
     def _number(self, size: Any, form: Form) -> Any:
-        """The relative change in a record; None over time, and where the drive has no size."""
-        if self.of == "time" or size is None:
+        """The relative change in a record; None over time, and where the size is not known."""
+        if self.of in TIMES or size is None:
             return None
         numbers: Any = Numbers()
-        return form.row(numbers, np.asarray(size[SIZES.index(self.of)], float))
+        value = np.asarray(getattr(RecordSizes(*size), self.of), float)
+        return None if np.any(np.isnan(value)) else form.row(numbers, value)
 
 
-SIZES = ("amplitude", "frequency")  # of a drive, in this order
+TIMES = ("time", "campaign_time")
 PARAMETERS_OVER_TIME = ("stiffness", "damping", "coupling", "capacitance")

@@ -30,8 +30,8 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
     outward,
 )
-from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Shockley, Stribeck
+from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots

@@ -22,7 +22,7 @@ from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Sho
 SYMBOLS = {
     "force": "F", "displacement": "x", "velocity": "x'", "displacement_rate": "x'", "voltage": "v", "current": "i",
     "base_acceleration": "a", "force_rate": "F'", "base_acceleration_rate": "a'", "time": "t", "amplitude": "A",
-    "frequency": "f", "diode_current": "i", "loop_current": "|i|",
+    "frequency": "f", "displacement_amplitude": "X", "campaign_time": "t", "diode_current": "i", "loop_current": "|i|",
 }  # fmt: skip
 PURE = ("exponent", "excess", "damping_ratio")  # values without a unit
 ADDED = ("factor", "second")  # values in the unit of what a law adds
