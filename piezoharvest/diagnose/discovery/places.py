@@ -40,6 +40,8 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
     inside += [kind(reach=_largest(visited[kind.input])) for kind in (Diode, SwitchLoop) if kind.input in visited]
     moving = [of for of in (*TIMES, *SIZES) if of in visited and _differs(visited[of])]
+    begins = {data.setting.size.begin for data in records if data.setting.size is not None}
+    moving = [of for of in moving if of != "campaign_time" or len(begins) > 1]  # else it is that of the records
     names = [name for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
     inside += [OverTime(name, of) for name in names for of in moving]
     drives = dict.fromkeys(data.drive for data in records if data.drive in ACTING and not problem.needs_engine)

@@ -10,7 +10,12 @@ from piezoharvest import Resistor, SineForce, System, Transducer, diagnose, simu
 from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.places import PARAMETERS_OVER_TIME, OverTime
+from piezoharvest.diagnose.discovery.places import places_of
+from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.identify.fitting.data import data_of
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records import load_campaign
@@ -68,6 +73,19 @@ def test_the_sizes_of_a_record_are_those_of_its_channels(tmp_path):
     size = data_of(record, campaign.transducer).setting.size
     assert (size.begin, size.length) == (0.0, pytest.approx(0.999))
     assert size.displacement_amplitude == pytest.approx(np.sqrt(2.0) * np.std(record["displacement"]), rel=1e-12)
+
+
+@pytest.mark.parametrize(("second", "offered"), [(0.0, False), (60.0, True)])
+def test_the_time_of_the_campaign_is_a_place_only_where_records_begin_at_different_times(second, offered, tmp_path):
+    nameless_campaign(tmp_path, "beam", Laws(), [(Drive((0.02,), (48.0,)), LOAD)] * 3, duration=0.3)
+    text = (tmp_path / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(text.replace('file = "r1.csv"', f'file = "r1.csv"\nstart_time = {second}'))
+    campaign = load_campaign(tmp_path / "campaign.toml")
+    problem = Problem(prepared(campaign, "fit"), campaign.transducer, ("displacement",))
+    found = identify(campaign, offsets=("displacement",)).found
+    inputs = {place.input for place in places_of(problem, visited_inputs(problem, found))}
+    assert "time" in inputs
+    assert ("campaign_time" in inputs) is offered
 
 
 def worn(t):
