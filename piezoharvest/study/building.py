@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from piezoharvest.description import effects, excitation, shunts
-from piezoharvest.description.catalogue.parts import with_parts
+from piezoharvest.description.catalogue.parts import SORTS, with_parts
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.kinds import PARTS, in_a_path, kinds_of
 from piezoharvest.description.effects.nameless.law import Law
@@ -41,6 +41,9 @@ def build_shunt(table: Any, where: str = "shunt", transducer: Transducer | None 
     number, capacitance = keys.get("electrode", 0), None
     if transducer is not None and type(number) is int and 0 <= number < len(transducer.all_electrodes):
         capacitance = transducer.all_electrodes[number].capacitance
+    for option in (sort.option for sort in SORTS.values()):
+        if option is not None and isinstance(keys.get(option.key), str):
+            keys[option.key] = in_si(keys[option.key], option.unit, f"{where}.{option.key}")
     try:
         keys = with_parts(keys, cls, capacitance)
     except ParameterError as error:

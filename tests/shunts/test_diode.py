@@ -89,6 +89,13 @@ def test_diodes_of_the_catalogue(name):
     assert shunt.diode_drop + shunt.diode_resistance * i == pytest.approx(law, abs=0.3 * thermal)
 
 
+def test_the_current_of_a_diode_may_have_a_unit():
+    table = {"kind": "rectifier", "dc_voltage": 1.0, "diode": "BAT54"}
+    assert build_shunt({**table, "diode_current": "6 mA"}) == build_shunt({**table, "diode_current": 6e-3})
+    with pytest.raises(ParameterError, match="diode_current"):
+        build_shunt({**table, "diode_current": "6 mV"})
+
+
 @pytest.mark.parametrize(
     ("table", "key"),
     [
