@@ -105,9 +105,9 @@ def coverage(results: Results) -> dict[str, tuple[float, int]]:
     for result in results:
         if not result["right"] or result["kind"] in ("withheld", "foreign"):
             continue
-        for name, (truth, value, std) in result["parameters"].items():
+        for name, deviation in result["deviations"].items():
             count[name] += 1
-            inside[name] += abs(value - truth) <= 3 * std
+            inside[name] += abs(deviation) <= 3
         for name, truth, value, std in effect_values(result):
             count[name] += 1
             inside[name] += abs(value - truth) <= 3 * std

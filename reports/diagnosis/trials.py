@@ -186,7 +186,7 @@ def run(trial: Trial, bench: Bench = bench_of) -> dict[str, Any]:
         "found": [named.effect.name for named in found.effects], "alternatives": [list(a) for a in found.alternatives],
         "values": [{k: list(v) for k, v in named.values.items()} for named in found.effects],
         "reached": reached(found, trial.names), "right": right(trial, found.verdict, found),
-        "parameters": _parameters(found, truth),
+        "deviations": _deviations(found, truth),
         "left": [[place.where, place.record, place.channel, place.p_value] for place in found.left[:3]],
     }  # fmt: skip
 
@@ -237,10 +237,10 @@ def reached(found: Diagnosis, names: Sequence[str]) -> float | None:
     return float(np.sqrt(max(0.0, *gains))) if gains else None
 
 
-def _parameters(found: Diagnosis, truth: Transducer) -> Mapping[str, list[float]]:
-    """Truth, value and standard error of what was determined."""
+def _deviations(found: Diagnosis, truth: Transducer) -> Mapping[str, float]:
+    """Differences of what was determined from the truth, in its standard errors."""
     return {
-        e.parameter.name: [float(value_at(truth, e.parameter.path)), e.value, e.std]
+        e.parameter.name: (e.value - float(value_at(truth, e.parameter.path))) / e.std
         for e in found.estimates
         if e.identifiable and e.std
     }

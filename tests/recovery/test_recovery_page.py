@@ -21,7 +21,7 @@ def made_up(kind, names, sigma, found, verdict, right, value=1.0, seed=1, day="2
         "found": found, "verdict": verdict, "right": right, "alternatives": [], "reached": sigma or None,
         "cpu": 12.0, "wall": 20.0, "diagnosed": f"{day}T10:00+00:00",
         "truth": {name: {"size": 1.0} for name in names}, "values": [{"size": [value, 0.1, "V"]} for _ in found],
-        "parameters": {"stiffness": [1.0, 1.02, 0.01]}, "left": [["0 to 0.25 Hz", "a.csv", "voltage", 1e-9]],
+        "deviations": {"stiffness": 2.0}, "left": [["0 to 0.25 Hz", "a.csv", "voltage", 1e-9]],
     }  # fmt: skip
 
 
