@@ -100,10 +100,10 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
         moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
             return moving
-    explained_there = _explained(found, progress)
-    if explained_there is None and found.before.held:
-        return _explained(_begun_anew(found, found.campaign.transducer), progress) or found
-    return explained_there or found
+    explained_so = _explained(found, progress)
+    if explained_so is None and found.before.held:  # what free offsets have shown of the parameters may be wrong
+        explained_so = _explained(_begun_anew(found, found.campaign.transducer), progress)
+    return explained_so or found
 
 
 def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
@@ -156,11 +156,12 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     if any(map(is_implausible, deviating)):
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
-    named = tuple(
-        named_effect(trials.problem, more.search, n, more.squares) for n in (*range(len(more.kept)), *more.known)
-    )
     gains = {each.effect.name: each.gain for each in found.effects}
-    named = tuple(replace(each, gain=gains.get(each.effect.name, each.gain)) for each in named)
+    beside = (named_effect(trials.problem, more.search, n, more.squares) for n in range(len(more.kept)))
+    named = (
+        *(replace(each, gain=gains.get(each.effect.name, each.gain)) for each in beside),
+        *(named_effect(trials.problem, more.search, n, more.squares) for n in more.known),
+    )
     return replace(
         found, verdict=more.verdict, effects=named,
         alternatives=alternatives, estimates=estimates,

@@ -99,7 +99,8 @@ def named_effect(problem: Problem, search: Search, n: int, squares: Sequence[tup
             slope = value**2 if parameter.scaling == "reciprocal" else parameter.slope(inner)
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
-    if not values and not effect.scanned and not is_line(effect):  # held, as another law does what it would do
+    held = not values and not effect.scanned and not is_line(effect)
+    if held:  # a law does what it would do, and has its gain
         field = type(effect).strength()
         values[field.name] = (float(getattr(effect, field.name)), None, field.metadata["unit"])
     if is_line(effect):
@@ -115,7 +116,7 @@ def named_effect(problem: Problem, search: Search, n: int, squares: Sequence[tup
         values[name] = (value, other.spread(value, error or 0.0), unit)
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
-    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled, other)
+    return Named(effect, search.p_values[n], 0.0 if held else float(np.clip(gain, -1.0, 1.0)), values, spoiled, other)
 
 
 def _noise_squares(squares: float, count: float) -> float:

@@ -18,7 +18,10 @@ def save_laws(found: Diagnosis, path: Path) -> None:
 
     if not found.discovery:
         note(f"warning: {path} is not written: no law without a name was found")
+    beside = [each.effect for each in found.effects if each.effect.of_specimen]
     for n, law in enumerate(found.discovery, 1):
         target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
-        save_effect(law, found.campaign.path.name, target)
+        save_effect(law, found.campaign.path.name, target, beside)
         note(f"effect: {target}, its test: {save_effect_test(target)}")
+    if found.discovery and beside:
+        note(f"the law was found beside {', '.join(each.name for each in beside)}: a study needs that, too")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from piezoharvest.description.effects import Effect
 from piezoharvest.description.parameters import Component
 from piezoharvest.diagnose.discovery.law_fits import TABLES
 from piezoharvest.diagnose.discovery.result import Discovery
@@ -71,8 +73,11 @@ CONNECT = """
 """
 
 
-def effect_text(law: Discovery, campaign: str) -> str:
-    """The text of an effect file for a law; `campaign` names the data that it was found in."""
+def effect_text(law: Discovery, campaign: str, beside: Sequence[Effect] = ()) -> str:
+    """The text of an effect file for a law; `campaign` names the data that it was found in, `beside` is what else was.
+
+    A curve of diodes without a constant drop, for one, is no law of diodes that have that of their label.
+    """
     form, place, memory = _plain(law.law.form), law.law.place, law.law.memory and _plain(law.law.memory)
     words = [*place.name.replace(".", "_").split("_"), *(law.form if memory is None else memory.kind).split("_")]
     of, strength = place.input.replace("_", " "), "factor"
@@ -86,7 +91,7 @@ def effect_text(law: Discovery, campaign: str) -> str:
     fields += [] if memory is None else _fields(memory)
     used = [form, place] + ([] if memory is None else [memory])
     return TEMPLATE.format(
-        doc=f"What is added at {place.name}, a function of the {of}: {law.formula}.",
+        doc=f"What is added at {place.name}, a function of the {of}: {law.formula}.{_needed(beside)}",
         imports="\n".join(sorted(f"from {type(each).__module__} import {type(each).__name__}" for each in used)),
         place_text=repr(place), form_text=repr(form), memory_text=repr(memory),
         title="".join(word.capitalize() for word in words), name="_".join(words).lower(),
@@ -97,15 +102,23 @@ def effect_text(law: Discovery, campaign: str) -> str:
     )  # fmt: skip
 
 
-def save_effect(law: Discovery, campaign: str, path: str | Path) -> None:
-    """Write a law as an effect file.
+def _needed(beside: Sequence[Effect]) -> str:
+    """Sentence on the effects that a study needs, too."""
+    if not beside:
+        return ""
+    given = (f"{name} = {getattr(each, name):.6g}" for each in beside for name in _names(each))
+    return f"\n\n    It was found beside {', '.join(each.name for each in beside)} ({', '.join(given)}).\n    "
+
+
+def save_effect(law: Discovery, campaign: str, path: str | Path, beside: Sequence[Effect] = ()) -> None:
+    """Write a law as an effect file, with a sentence on the effects that it was found beside.
 
     Raises
     ------
     OutputError
         It cannot be written.
     """
-    write_text(effect_text(law, campaign), path)
+    write_text(effect_text(law, campaign, beside), path)
 
 
 def _names(component: Component) -> list[str]:

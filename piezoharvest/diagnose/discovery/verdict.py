@@ -70,7 +70,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     """Laws that explain what a search for named effects has left; None where none does.
 
     The search begins without the effects that were found on the way, which may stand in for a law; then with them.
-    Parameters that have gone far from their nominal values may do so, too: they start at these.
+    Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
+    nowhere, as the nominal values may be wrong, where they went.
 
     Parameters
     ----------
@@ -97,12 +98,15 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
 
 
 def _with_drop_free(trials: CandidateFits, start: Fit) -> Fit:
-    """The fit with the drop of its diodes free: a law there is a voltage that begins at zero, beside a constant."""
+    """The fit with the drop of its diodes free: a law there is a voltage that begins at zero, beside a constant.
+
+    Diodes with several labels are several kinds, of which one drop would be wrong.
+    """
     shunts = [data.setting.shunt for data in trials.problem.data if isinstance(data, Data)]
-    drops = [shunt.diode_drop for shunt in shunts if has_diodes(shunt)]
-    if not drops or DiodeDropError.name in EffectChange(start).effects:
+    drops = {shunt.diode_drop for shunt in shunts if has_diodes(shunt)}
+    if len(drops) != 1 or DiodeDropError.name in EffectChange(start).effects:
         return start
-    free = trials.extended(EffectChange(start), DiodeDropError(diode_drop=drops[0]), np.inf)
+    free = trials.extended(EffectChange(start), DiodeDropError(diode_drop=drops.pop()), np.inf)
     return start if free is None else free.found
 
 
@@ -223,10 +227,10 @@ def _without(campaign: Campaign, before: Identification, laws: _Laws, n: int, le
 
 def _with_all_free(campaign: Campaign, before: Identification, problem: Problem, laws: _Laws) -> _Laws:
     """The laws in a fit in which parameters are free that were held while something was missing."""
-    final = laws.found[-1].final
-    model = replace(final.model, parameters=(*before.held, *final.model.parameters))
     if not before.held:
         return laws
+    final = laws.found[-1].final
+    model = replace(final.model, parameters=(*before.held, *final.model.parameters))
     nuisance = nuisance_for_model(problem, final.model, final.nuisance, model)
     try:
         free = fit(problem, model, nuisance, final.noise)

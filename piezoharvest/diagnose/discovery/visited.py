@@ -28,8 +28,9 @@ def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
         if isinstance(data, Data):
             for name, values in _of_record(data, found, nuisance).items():
                 parts.setdefault(name, []).append(values)
-    shared = {name for name in (*SIZES, "campaign_time") if len(parts.get(name, ())) < records}
-    return {name: np.concatenate(values) for name, values in parts.items() if name not in shared}
+    # A parameter changes with what all records know.
+    unknown = {name for name in (*SIZES, "campaign_time") if len(parts.get(name, ())) < records}
+    return {name: np.concatenate(values) for name, values in parts.items() if name not in unknown}
 
 
 def _channels(prediction: AnyPrediction, data: Data) -> list[str]:

@@ -13,7 +13,7 @@ import pytest
 from piezoharvest import Transducer
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.law_files import save_laws
-from piezoharvest.description.effects import registered
+from piezoharvest.description.effects import DiodeDropError, registered
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
@@ -71,6 +71,13 @@ def discovered(law):
 def equations(effect):
     device = Transducer(**BEAM, effects=(effect,))
     return RecordModel(device, Resistor(resistance=1e5), "force", 1e-3, (0.02, 50.0)).matrices()
+
+
+def test_a_file_says_what_its_law_was_found_beside(tmp_path):
+    path = tmp_path / "law.py"
+    path.write_text(effect_text(discovered(LAWS[0]), "campaign.toml", [DiodeDropError(diode_drop=0.25)]))
+    (name,) = load_effects(path)
+    assert "found beside diode_drop_error (diode_drop = 0.25)." in registered()[name].__doc__
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
@@ -131,7 +138,7 @@ def written(law, folder):
 
 def test_the_command_writes_each_law_with_its_test_and_says_so(tmp_path, capsys):
     laws, campaign = [discovered(law) for law in LAWS[:2]], SimpleNamespace(path=Path("campaign.toml"))
-    found = SimpleNamespace(discovery=laws, campaign=campaign)
+    found = SimpleNamespace(effects=(), discovery=laws, campaign=campaign)
     save_laws(found, tmp_path / "law.py")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["law.py", "law_2.py", "test_law.py", "test_law_2.py"]
     assert "law_2.py" in (tmp_path / "test_law_2.py").read_text()

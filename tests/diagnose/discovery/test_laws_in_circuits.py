@@ -1,5 +1,7 @@
 """Laws without a name of diodes and of switched loops, against records that SciPy made with events."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, Laws
@@ -7,6 +9,7 @@ from scipy.integrate import solve_ivp
 from switched import COIL, DC, DURATION, RATE, switched, switched_campaign
 
 from piezoharvest import Transducer, diagnose
+from piezoharvest.description.effects import DiodeDropError
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line, Power
 from piezoharvest.description.effects.nameless.law import Law
@@ -14,6 +17,8 @@ from piezoharvest.description.effects.nameless.shapes import Shape, Shockley
 from piezoharvest.description.shunts import SSDI, Rectifier, Resistor
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.diagnose.discovery.law_fits import law_parameters
+from piezoharvest.diagnose.discovery.verdict import _with_drop_free
+from piezoharvest.identify.fitting.data import Data
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.setting import circuit_setting
 from piezoharvest.predict.parameters import put, value_at
@@ -141,6 +146,25 @@ def test_the_part_is_found_with_its_law(name, tmp_path):
     shift = np.mean(law.value - wanted) if name == "diode" else 0.0
     assert np.mean(np.abs(law.value - wanted - shift) < 3.0 * law.std + 0.05 * np.abs(wanted).max()) > 0.95
     assert law.gain > 0.9
+
+
+@pytest.mark.parametrize(("drops", "free"), [((0.4, 0.4), True), ((0.4, 0.3), False)])
+def test_a_drop_is_free_only_where_all_diodes_have_the_same_label(drops, free):
+    """One value for diodes of two kinds would be wrong for one of them."""
+    records = [record_behind(Rectifier(**{**DC, "diode_drop": drop})) for drop in drops]
+    asked = []
+    trials = SimpleNamespace(
+        problem=SimpleNamespace(data=records), extended=lambda now, effect, aim: asked.append(effect) and None
+    )
+    start = SimpleNamespace(model=SimpleNamespace(transducer=Transducer(**BEAM)))
+    assert _with_drop_free(trials, start) is start  # the fit of what was asked for has no solution here
+    assert asked == ([DiodeDropError(diode_drop=0.4)] if free else [])
+
+
+def record_behind(shunt):
+    """A record of which nothing but its circuit is known."""
+    setting = SimpleNamespace(shunt=shunt)
+    return Data("r", "fit", None, setting, np.zeros(0), (), {}, {})
 
 
 SATURATION, EMISSION, SERIES = 1e-8, 0.045, 800.0  # A, V, ohm: of one diode

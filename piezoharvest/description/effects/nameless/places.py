@@ -287,8 +287,7 @@ class OverTime(Place):
         if self.of in TIMES:
             time = specimen.time
             if self.of == "campaign_time":
-                sizes = RecordSizes(*(specimen.size or (0.0, 0.0)))
-                if np.isnan(sizes.begin):
+                if specimen.size is None or np.isnan((sizes := RecordSizes(*specimen.size)).begin):
                     return None
                 time = sizes.begin * specimen.one + sizes.length * time
             change = form.row(specimen, time)

@@ -29,4 +29,4 @@ class RecordSizes(NamedTuple):
     length: float = float("nan")
 
 
-SIZES = RecordSizes._fields[:3]
+SIZES = RecordSizes._fields[:3]  # inputs of laws; the rest says when in the campaign the record was
