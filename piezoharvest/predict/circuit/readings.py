@@ -99,6 +99,9 @@ class Readings(Numbers):
 
     def read(self, row: Row, channel: str = "displacement") -> None:
         """Add to what the sensor of a channel reads, in the channel's unit."""
+        if channel == self.drive_name:
+            why = "but what its sensor shows besides is known only where a record's load is linear"
+            raise PredictionError(f"found a law at reading.{channel}, which drives the record, {why}")
         self._read.setdefault(channel, []).append(row)
 
     def lag(self, time_constant: complex) -> None:

@@ -13,6 +13,7 @@ from piezoharvest.description.effects import DiodeDropError
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line, Power
 from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.places import Reading
 from piezoharvest.description.effects.nameless.shapes import Shape, Shockley
 from piezoharvest.description.shunts import SSDI, Rectifier, Resistor
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
@@ -22,6 +23,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.setting import circuit_setting
 from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.predict.prediction import PredictionError
 
 DRIVE = Drive((0.05,), (49.5,))
 LABELS = {"diode": ("rectifier", Rectifier(**DC)), "switch_loop": ("ssdi", SSDI(**COIL))}
@@ -146,6 +148,12 @@ def test_the_part_is_found_with_its_law(name, tmp_path):
     shift = np.mean(law.value - wanted) if name == "diode" else 0.0
     assert np.mean(np.abs(law.value - wanted - shift) < 3.0 * law.std + 0.05 * np.abs(wanted).max()) > 0.95
     assert law.gain > 0.9
+
+
+def test_what_the_drive_s_sensor_shows_besides_is_refused_behind_a_circuit_instead_of_left_out():
+    law = Law(place=Reading("force", "force"), form=Knee(factor=0.3, knee=0.01, sides=1))
+    with pytest.raises(PredictionError, match=r"reading\.force"):
+        values(prediction("diode", law))
 
 
 @pytest.mark.parametrize(("drops", "free"), [((0.4, 0.4), True), ((0.4, 0.3), False)])
