@@ -16,10 +16,13 @@ PIECES = 40  # of a broken line that stands for a smooth curve: off by a thousan
 NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
 
 
-def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Corners | Bends | None:
+def table_for(
+    place: Place, visited: np.ndarray, *, smooth: bool = False, remembered: bool = False
+) -> Corners | Bends | None:
     """A table without kinks yet; None where the input does not move.
 
-    It is a broken line, or a quadratic spline where the place needs a slope or it shall be smooth.
+    It is a broken line, or a quadratic spline where the place needs a slope or it shall be smooth. Of what a memory
+    makes of the input a straight line is no parameter of the model.
     """
     low, high = map(float, np.quantile(visited, ENDS))
     if not high > low:
@@ -30,7 +33,7 @@ def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Cor
     near = np.abs(inner) < NEAR_ZERO * (high - low) / KNOTS
     inner = inner[~near]
     smooth = smooth or place.needs_slope
-    if smooth or not place.bent:
+    if smooth or remembered or not place.bent:
         # The first piece is a straight line from zero, or from the end of the range.
         first = [0.0] * (high > 0.0 and low <= 0.0) + [-0.0] * (low < 0.0 and high >= 0.0)
         first += [low] * (low > 0.0) + [high] * (high < 0.0)

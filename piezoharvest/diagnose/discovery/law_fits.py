@@ -77,6 +77,13 @@ class LawFit:
         path = "effects", self.index % len(self.found.model.transducer.effects)
         return [k for k, p in enumerate(self.found.model.parameters) if p.path[:2] == path]
 
+    @cached_property
+    def tabled(self) -> list[int]:
+        """Columns of a table's kinks, or of a formula's parameters with those of its memory."""
+        if not isinstance(self.form, TABLES):
+            return self.own
+        return [k for k in self.own if self.found.model.parameters[k].path[2] == "form"]
+
     @property
     def memory_at_its_end(self) -> bool:
         """True if a time or frequency of its memory, or a damping at a port, has gone to the end of its range.
@@ -93,34 +100,41 @@ class LawFit:
 
     @cached_property
     def normal(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information and right side of the law's parameters at the fit, the others projected out."""
+        """Information and right side of `tabled` parameters at the fit, the others projected out."""
         found = self.found
         information, gradient, _ = total_information(found.model, found.nuisance, found.sums)
         prior = found.prior.copy()
-        prior[self.own, self.own] = 0.0
-        inside, slope = projected(information, gradient, prior, self.own)
-        return inside, inside @ inner_values(found.model)[self.own] + slope
+        prior[self.tabled, self.tabled] = 0.0
+        inside, slope = projected(information, gradient, prior, self.tabled)
+        return inside, inside @ inner_values(found.model)[self.tabled] + slope
 
     @property
     def evidence(self) -> float:
         """-2 ln of the marginal likelihood up to a constant (Laplace), for laws at several places.
 
-        Of a formula, whose parameters have no prior, with that of one sample, as Schwarz's criterion has it.
+        Of a formula, whose parameters have no prior, with that of one sample, as Schwarz's criterion has it; so of the
+        memory before a table.
         """
-        own, found = self.own, self.found
+        kinks, found = self.tabled, self.found
         if not isinstance(self.form, TABLES):
             return self.criterion
         inside, _ = self.normal
-        precision = np.diag(found.prior)[own]
-        ratio = np.linalg.slogdet(np.eye(len(own)) + inside / np.sqrt(np.outer(precision, precision)))[1]
-        return found.cost + float(ratio)
+        precision = np.diag(found.prior)[kinks]
+        ratio = np.linalg.slogdet(np.eye(len(kinks)) + inside / np.sqrt(np.outer(precision, precision)))[1]
+        return found.cost + float(ratio) + self._others * np.log(self.samples)
+
+    @property
+    def _others(self) -> int:
+        """Number of the law's parameters that are none of its table."""
+        return len(self.own) - len(self.tabled)
 
     @property
     def freedom(self) -> float:
         """Effective number of the law's parameters."""
         inside, _ = self.normal
-        found = float(np.trace(inverse(inside + np.diag(np.diag(self.found.prior)[self.own])) @ inside))
-        return float(np.clip(found, 0.0, len(self.own)))  # of what the data do not determine, rounding has any sign
+        found = float(np.trace(inverse(inside + np.diag(np.diag(self.found.prior)[self.tabled])) @ inside))
+        # Of what the data do not determine, rounding has any sign.
+        return float(np.clip(found, 0.0, len(self.tabled))) + self._others
 
     @property
     def criterion(self) -> float:
@@ -134,28 +148,33 @@ class LawFit:
 
 
 def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Parameter]:
-    """Parameters of a law that is the n-th effect: the kinks of a table, or the quantities of formula and memory.
+    """Parameters of a law that is the n-th effect: those of its form, kinks of a table or a formula's, and memory.
 
-    The factor of a memory at a port has the sign of one that takes energy.
+    The factor of a straight line with a memory at a port has the sign of one that takes energy.
     """
-    form, path = law.form, ("effects", n, "form")
+    found = _of_form(law, ("effects", n, "form"), deviation)
+    if law.memory is None:
+        return found
+    return [*found, *(_near(p, law.memory) for p in _quantities(law.memory, ("effects", n, "memory")))]
+
+
+def _of_form(law: Law, path: Path, deviation: float) -> list[Parameter]:
+    form, memory = law.form, law.memory
     if isinstance(form, TABLES):
         unit = f"{law.place.unit}/({law.place.input_unit or '1'})"
         return [
             Parameter((*path, "kinks", j), unit, "linear", -np.inf, np.inf, deviation=deviation)
             for j in range(len(form.kinks))
         ]
-    memory, sign = law.memory, law.passive_sign
     found = [] if memory is not None and memory.alone else _quantities(form, path)
     if isinstance(form, Shape):  # a scale has no null value, and its size may be off by decades
         turned = {"scaling": "log", "sign": float(np.sign(form.scale))}
         found = [replace(p, **turned) if p.path[-1] == "scale" else p for p in found]
-    if sign:
+    sign = law.passive_sign
+    if sign and isinstance(form, Line):
         bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
         found = [replace(p, **bounds) if p.path[-1] == "factor" else p for p in found]
-    if memory is None:
-        return found
-    return [*found, *(_near(p, memory) for p in _quantities(memory, ("effects", n, "memory")))]
+    return found
 
 
 def _near(parameter: Parameter, memory: Memory) -> Parameter:
@@ -198,7 +217,10 @@ class ScoredLaw:
 
 
 def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> ScoredLaw | None:
-    """Score of a law without kinks; None where the model then has no solution, or no record shows it."""
+    """Score of a law without kinks; None where the model then has no solution, or no record shows it.
+
+    Of a memory before it the values are those that are given.
+    """
     first = len(base.model.transducer.effects)
     parameters = law_parameters(law, first)
     model = replace(extended(base.model, [law], parameters), felt=first)
@@ -207,16 +229,37 @@ def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> ScoredL
         information, gradient, _ = linearised(problem, model, nuisance, base)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
-    at = len(base.model.parameters)
-    own = list(range(at, at + len(parameters)))
-    prior = np.zeros_like(information)
-    prior[:at, :at] = base.prior[:at, :at]
-    prior[own[-1] + 1 :, own[-1] + 1 :] = base.prior[at:, at:]
-    inside, slope = projected(information, gradient, prior, own)
-    plain = np.diag(information)[own]
+    kinks = [k for k, p in enumerate(model.parameters) if p.path[:3] == ("effects", first, "form")]
+    kept, prior = known_before(problem, base, model, information)
+    some, own = [*kept, *kinks], list(range(len(kept), len(kept) + len(kinks)))
+    inside, slope = projected(information[np.ix_(some, some)], gradient[some], prior[np.ix_(some, some)], own)
+    plain = np.diag(information)[kinks]
     if not np.any(np.diag(inside) > 1e-8 * plain):
         return None  # in the span of the fitted parameters
     return ScoredLaw(law, visited, smoothness(inside, slope))
+
+
+def known_before(problem: Problem, base: Fit, model: Model, information: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """Columns of what was fitted before the laws, which keep their priors, and these in the size of the whole."""
+    at, before = len(base.model.parameters), len(model.parameters)
+    kept, prior, own = list(range(at)), np.zeros_like(information), at
+    prior[:at, :at] = base.prior[:at, :at]
+    place = before
+    for data in problem.data:
+        old, new = problem.nuisance_names(base.model, data), problem.nuisance_names(model, data)
+        # New ones, such as what a stop began with, are not felt without a factor.
+        shared = {name: k for k, name in enumerate(_counted(new))}
+        for k, name in enumerate(_counted(old)):
+            column = place + shared[name]
+            kept.append(column)
+            prior[column, column] = base.prior[own + k, own + k]
+        own, place = own + len(old), place + len(new)
+    return kept, prior
+
+
+def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Names with their number among the same ones."""
+    return [(name, names[:k].count(name)) for k, name in enumerate(names)]
 
 
 def fitted(
@@ -244,7 +287,7 @@ def fitted(
         if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:
             return done
         deviation = better
-        kept = tuple(replace(p, deviation=deviation) if k in done.own else p for k, p in enumerate(model.parameters))
+        kept = tuple(replace(p, deviation=deviation) if k in done.tabled else p for k, p in enumerate(model.parameters))
         model, nuisance = replace(found.model, parameters=kept), found.nuisance
     return done
 
@@ -306,7 +349,7 @@ def _with_static_part(model: Model, effect: Effect) -> Transducer:
 def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Inputs over the visited range, evenly, and the law there; with play, of by how much the input is ahead of it."""
     low, high, memory = some.visited.min(), some.visited.max(), some.law.memory
-    if isinstance(memory, Play):
+    if isinstance(memory, Play):  # which the visited ones are of its start
         low, high = -memory.threshold, memory.threshold
     x = np.linspace(low, high, count)
     return x, np.real(some.form.values(x))
@@ -318,7 +361,7 @@ def derivative(some: LawFit, x: np.ndarray) -> np.ndarray:
     transducer = some.found.model.transducer
     for k in some.own:
         parameter = some.found.model.parameters[k]
-        if parameter.path[2] == "memory":  # moves no value of the function that follows it
+        if parameter.path[2] == "memory":  # it moves no value of the function that follows it
             columns.append(np.zeros(len(x)))
             continue
         inner = parameter.inner(value_at(transducer, parameter.path))

@@ -17,14 +17,13 @@ from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
+from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, known_before, law_parameters
 from piezoharvest.diagnose.discovery.places import ACTING
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
 from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.diagnose.selection.start_values import CampaignScales
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.parameters import Parameter, put
@@ -52,7 +51,7 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
 
 def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
     yield Delay(delay=0.0)
-    yield from _plays(visited[place.input])
+    yield from plays(visited[place.input])
     yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
     yield from _resonances(scales, behind=True)
 
@@ -60,7 +59,7 @@ def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterat
 def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
     """Memories of a port; a damper's relaxation is that of the spring."""
     if place.port in Play.signs:
-        yield from _plays(visited[place.input])
+        yield from plays(visited[place.input])
     if place.port in Relaxation.signs and place.name != "damper":
         yield from (Relaxation(time_constant=each) for each in scales.times)
     if place.port in Resonance.signs:
@@ -68,7 +67,8 @@ def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Tra
         yield from _beside_resonances(scales, device)
 
 
-def _plays(visited: np.ndarray) -> Iterator[Play]:
+def plays(visited: np.ndarray) -> Iterator[Play]:
+    """Starts of a play."""
     half = 0.5 * float(np.ptp(visited))
     yield from (Play(threshold=share * half) for share in PLAYS if half > 0.0)
 
@@ -101,7 +101,7 @@ def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np
         information, gradient, _ = linearised(problem, model, nuisance, base)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return []
-    kept, prior = _known(problem, base, model, information)
+    kept, prior = known_before(problem, base, model, information)
     found = []
     for k, (law, strength) in enumerate(zip(laws, strengths, strict=True), at):
         some = [*kept, k]
@@ -127,26 +127,3 @@ def _strength(law: Law, n: int) -> Parameter:
     """The parameter at whose zero a law with a memory is absent."""
     names = ("delay", "factor")
     return next(p for p in law_parameters(law, n) if p.path[-1] in names)
-
-
-def _known(problem: Problem, base: Fit, model: Model, information: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Columns of what was fitted before the laws, which keep their priors, and these in the size of the whole."""
-    at, before = len(base.model.parameters), len(model.parameters)
-    kept, prior, own = list(range(at)), np.zeros_like(information), at
-    prior[:at, :at] = base.prior[:at, :at]
-    place = before
-    for data in problem.data:
-        old, new = problem.nuisance_names(base.model, data), problem.nuisance_names(model, data)
-        # New ones, such as what a stop began with, are not felt without a factor.
-        shared = {name: k for k, name in enumerate(_counted(new))}
-        for k, name in enumerate(_counted(old)):
-            column = place + shared[name]
-            kept.append(column)
-            prior[column, column] = base.prior[own + k, own + k]
-        own, place = own + len(old), place + len(new)
-    return kept, prior
-
-
-def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
-    """Names with their number among the same ones."""
-    return [(name, names[:k].count(name)) for k, name in enumerate(names)]

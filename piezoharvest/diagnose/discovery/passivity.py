@@ -1,10 +1,10 @@
 """Energy at ports: a free law that gives some where nothing can give any is no law of that port, but a sensor's fault.
 
 A force over a displacement and a charge over a voltage return what they take: as functions they give nothing. A current
-over a voltage, a voltage over a current, or a force over a velocity, f(x), gives energy wherever x f(x) < 0. The
-closest table that gives none is a convex problem, and what it costs in -2 ln L says whether the records insist on
-giving. Sources: Brogliato et al., Dissipative Systems Analysis and Control, 2007, section 2.1; Diamond & Boyd, J. Mach.
-Learn. Res. 17(83), 2016 (cvxpy).
+over a voltage, a voltage over a current, or a force over a velocity, f(x), gives energy wherever x f(x) < 0; of a
+function of what a memory makes of the input, that memory says where. The closest table that gives none is a convex
+problem, and what it costs in -2 ln L says whether the records insist on giving. Sources: Brogliato et al., Dissipative
+Systems Analysis and Control, 2007, section 2.1; Diamond & Boyd, J. Mach. Learn. Res. 17(83), 2016 (cvxpy).
 """
 
 from __future__ import annotations
@@ -46,6 +46,8 @@ def own_part(problem: Problem, table: LawFit) -> tuple[float, float]:
     electrodes, has nothing to take back.
     """
     device, name = table.found.model.transducer, table.place.name
+    if table.law.memory is not None:  # what it lags by is not what the model has
+        return 0.0, 0.0
     if name == "damper":
         return 0.0, float(np.real(device.damping))
     labels = (data.setting.shunt for data in problem.data if isinstance(data, Data))
@@ -71,18 +73,19 @@ def _connected(shunt: Shunt, effects: Sequence[Effect]) -> Shunt:
 
 def price_of_passivity(table: LawFit, constant: float, slope: float) -> float:
     """Rise of -2 ln L by the condition that a table beside a constant and a straight line gives no energy."""
-    form = table.form
-    if not (table.place.port == DIRECT or table.place.in_circuit) or not isinstance(form, TABLES):
+    form, memory, port = table.form, table.law.memory, table.place.port
+    if not (port == DIRECT or table.place.in_circuit or (memory and port)) or not isinstance(form, TABLES):
         return 0.0
     x = np.linspace(table.visited.min(), table.visited.max(), POINTS)
     pieces = np.column_stack([replace(form, kinks=tuple(unit)).values(x) for unit in np.eye(len(form.kinks))])
     inside, right = table.normal
-    weight = inside + np.diag(np.diag(table.found.prior)[table.own])
+    weight = inside + np.diag(np.diag(table.found.prior)[table.tabled])
     size = 1.0 / np.sqrt(np.diag(weight))
     values, vectors = np.linalg.eigh(weight * np.outer(size, size))
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     found = np.linalg.lstsq(weight * np.outer(size, size), size * right, rcond=1e-13)[0]
-    power, own = x[:, None] * pieces * size, constant * np.abs(x) + slope * x**2
+    lost = memory.dissipated(port, x, pieces, np.gradient(pieces, x, axis=0)) if memory else x[:, None] * pieces
+    power, own = lost * size, constant * np.abs(x) + slope * x**2
     unit = float(np.abs(power @ found).max() + own.max())
     if unit == 0.0 or np.all(power @ found + own >= -ROUNDING * unit):
         return 0.0

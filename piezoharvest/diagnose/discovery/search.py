@@ -12,6 +12,7 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play
 from piezoharvest.description.effects.nameless.places import TIMES, OverTime, Place, Reading
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.bent_memories import functions_of_memories, leaves_much
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
@@ -96,6 +97,8 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     if not done:
         return None
     table, forms = _likeliest(problem, start, done)
+    if leaves_much(forms[0]):
+        table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
     progress(f"the likeliest law is at {_words(forms[0].law)}: {forms[0].law.name}")
     best = _with_its_noise(problem, forms[0])
@@ -130,6 +133,16 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
         smoother = [] if problem.needs_engine else _smoother(problem, start, table)
         smooth = min((table, *smoother), key=lambda each: each.evidence)
         found.append((smooth, ranked(problem, smooth)))
+    return min(found, key=lambda each: each[1][0].criterion)
+
+
+def _of_memory(
+    problem: Problem, start: Fit, done: Sequence[LawFit], best: tuple[LawFit, list[LawFit]],
+    progress: Callable[[str], None],
+) -> tuple[LawFit, list[LawFit]]:  # fmt: skip
+    """The likeliest law and its forms, or a function of what a memory makes of the input where that does better."""
+    tables = best_of(functions_of_memories(problem, start, done, progress))[:1]
+    found = [best, *((table, ranked(problem, table)) for table in tables)]
     return min(found, key=lambda each: each[1][0].criterion)
 
 
@@ -247,7 +260,7 @@ def _sort(scored: ScoredLaw) -> tuple[str, str]:
 
 def _smoother(problem: Problem, start: Fit, table: LawFit) -> list[LawFit]:
     """The same law as a quadratic spline, where its linear part is that of the model: it has no piece for one."""
-    if not table.place.bent or isinstance(table.form, Bends):
+    if not table.law.bent or isinstance(table.form, Bends):
         return []
     form = table_for(table.place, table.visited, smooth=True)
     law = form and replace(table.law, form=form)

@@ -23,14 +23,22 @@ Visited = Mapping[str, np.ndarray]
 def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
     """Samples of every input over all records, free of the noise of sensors; time as a share of each record."""
     parts: dict[str, list[np.ndarray]] = {}
-    records = sum(isinstance(data, Data) for data in problem.data)
-    for data, nuisance in zip(problem.data, found.nuisance, strict=True):
-        if isinstance(data, Data):
-            for name, values in _of_record(data, found, nuisance).items():
-                parts.setdefault(name, []).append(values)
+    every = inputs_of_records(problem, found)
+    for _, inputs in every:
+        for name, values in inputs.items():
+            parts.setdefault(name, []).append(values)
     # A parameter changes with what all records know.
-    unknown = {name for name in (*SIZES, "campaign_time") if len(parts.get(name, ())) < records}
+    unknown = {name for name in (*SIZES, "campaign_time") if len(parts.get(name, ())) < len(every)}
     return {name: np.concatenate(values) for name, values in parts.items() if name not in unknown}
+
+
+def inputs_of_records(problem: Problem, found: Fit) -> list[tuple[float, dict[str, np.ndarray]]]:
+    """Sample time (s) and samples of every input of each record."""
+    pairs = zip(problem.data, found.nuisance, strict=True)
+    return [
+        (data.setting.sample_time, _of_record(data, found, nuisance)) for data, nuisance in pairs
+        if isinstance(data, Data)
+    ]  # fmt: skip
 
 
 def _channels(prediction: AnyPrediction, data: Data) -> list[str]:

@@ -26,7 +26,8 @@ class Form(Component):
     """A function f of one input with f(0) = 0.
 
     Subclasses define `label` (the form's word in results), `values`, and `row`; where the function is smooth enough for
-    a coupling, which needs its slope, also `slope`. `strengths` are the fields at whose zero the law is absent.
+    a coupling, which needs its slope, also `slope`. `strengths` are the fields at whose zero the law is absent. What
+    `row` has of the input itself, beside elements, is `proportional` to it.
     """
 
     label: ClassVar[str]
@@ -64,6 +65,11 @@ class Form(Component):
     def word(self) -> str:
         """The form's word in results."""
         return self.label
+
+    @property
+    def proportional(self) -> Any:
+        """Factor of the input itself in the row of the function."""
+        return 0.0
 
     @property
     def absent(self) -> bool:
@@ -162,6 +168,10 @@ class Line(Form):
     factor: float = quantity("", "slope, in units of what is added by the input's", null=0.0)
     start: float = 0.0  # input at which nothing is added: fixed
 
+    @property
+    def proportional(self) -> Any:
+        return self.factor
+
     def values(self, x: np.ndarray) -> Array:
         return self.factor * (np.asarray(x) - self.start)
 
@@ -209,6 +219,10 @@ class DeadZone(Form):
 
     factor: float = quantity("", "slope within the zone, in units of what is added by the input's", null=0.0)
     zone: float = quantity("", "half width of the zone, in the input's unit", above=0)
+
+    @property
+    def proportional(self) -> Any:
+        return self.factor
 
     def values(self, x: np.ndarray) -> Array:
         x = np.asarray(x)

@@ -34,7 +34,7 @@ class Remembered(Form):
 class Law(Effect):
     """A function of one input that is added at a place; none of the library, as its name is that of the object.
 
-    With a memory it is a straight line of what that makes of the input, whose energy is known.
+    With a memory it is a function of what that makes of the input.
     """
 
     delay_path: ClassVar[tuple[str, ...]] = ("memory", "delay")
@@ -45,8 +45,20 @@ class Law(Effect):
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The place, and the form of the function or its memory: "load knee", "spring play"."""
-        return f"{self.place.name} {self.form.word if self.memory is None else self.memory.kind}"
+        """The place, and its memory or the form of the function, or both: "load knee", "spring play"."""
+        if self.memory is None:
+            return f"{self.place.name} {self.form.word}"
+        return f"{self.place.name} {self.memory.kind}" + (f" {self.form.word}" if self.bends_memory else "")
+
+    @property
+    def bends_memory(self) -> bool:
+        """True if it is no straight line of what its memory makes of the input."""
+        return self.memory is not None and not isinstance(self.form, Line)
+
+    @property
+    def bent(self) -> bool:
+        """True if the linear part of the function is that of a parameter of the model."""
+        return self.place.bent and self.memory is None
 
     @property
     def of_specimen(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -93,16 +105,14 @@ class Law(Effect):
             return self.place.stores(terms, self.form)
         if not self.place.port:
             return ()
-        assert isinstance(self.form, Line)
-        return self.memory.stores(self.place.port, self.form.factor, terms, self.place.rows(terms)[0])
+        return self.memory.stores(self.place.port, self.form.proportional, terms, self.place.rows(terms)[0])
 
     def losses(self, terms: EnergyRows) -> Sequence[Product]:
         if self.memory is None:
             return self.place.losses(terms, self.form)
         if not self.place.port:
             return ()
-        assert isinstance(self.form, Line)
-        return self.memory.losses(self.place.port, self.form.factor, terms, self.place.rows(terms)[1])
+        return self.memory.losses(self.place.port, self.form.proportional, terms, self.place.rows(terms)[1])
 
     def late(self, channel: str) -> float:
         mine = isinstance(self.place, Reading) and self.place.channel == channel

@@ -25,8 +25,9 @@ _STORAGE = {"displacement": "stiffness", "voltage": "capacitance", "velocity": "
 class Memory(Component):
     """A memory: a row of what it makes of its input, its passive signs, and its energy.
 
-    Subclasses define `kind`, `row`, and where they are of ports `signs` (port to the sign of a passive factor) with
-    `stores` and `losses` of a law `factor` times the row, as an effect has them.
+    Subclasses define `kind`, `row`, `made_of`, and where they are of ports `signs` (port to the sign of a passive
+    factor) with `stores` and `losses` of a law `factor` times the row, as an effect has them. Of other functions of the
+    row elements account for the energy; those that take some are told by `dissipated`.
     """
 
     kind: ClassVar[str]
@@ -44,6 +45,17 @@ class Memory(Component):
     def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
         """Power in W that is lost at a port."""
         return ()
+
+    def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
+        """What the memory makes of samples (n,) of an input that are `step` seconds apart, from rest at the first."""
+        raise NotImplementedError
+
+    def dissipated(self, port: str, z: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """What functions of the row z, with these values and slopes (n, functions), lose at a port.
+
+        Up to a factor that is not negative and does not depend on the function; nowhere negative of a passive one.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +99,18 @@ class Play(Memory):
             return [Product(factor, s, dx - ds)]
         return [Product(_softer(factor, terms), s, terms.capacitor_current - ds)]
 
+    def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
+        found, at = np.empty(len(x)), x[0]
+        for n, value in enumerate(x.tolist()):
+            at = min(max(at, value - self.threshold), value + self.threshold)
+            found[n] = value - at
+        return found
+
+    def dissipated(self, port: str, z: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Power is lost at the ends of the play only."""
+        at_end = np.abs(z) >= np.abs(z).max()
+        return np.where(at_end, z, 0.0)[:, None] * values
+
 
 def _softer(factor: Any, terms: EnergyRows) -> Any:
     """Voltage per charge that a capacitor with play has more of within the play than beyond it, 1/F."""
@@ -97,6 +121,9 @@ def _softer(factor: Any, terms: EnergyRows) -> Any:
 @dataclass(frozen=True, kw_only=True)
 class Relaxation(Memory):
     """A first-order lag y of the input, tau y' + y = x; where `behind`, by how much it is behind: y - x.
+
+    A force that is a function of x - y is that of a spring in series with a damper (Maxwell), stretched by it, whose
+    rate y' = (x - y)/tau is linear.
 
     Source: Fluegge, Viscoelasticity, 1975, chapter 1.
     """
@@ -118,6 +145,8 @@ class Relaxation(Memory):
 
     def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
         y, _ = terms.own("lag")
+        if port == RATE and self.behind:
+            return [Product(-0.5 * factor, y - x, y - x)]
         if port == RATE:
             return [Product(factor, x, y), Product(-0.5 * factor, y, y)]
         return [Product(0.5 * factor * (1.0 if port == CHARGE else self.time_constant), y, y)]
@@ -127,6 +156,18 @@ class Relaxation(Memory):
         if port == DIRECT:
             return [Product(factor, y, y)]
         return [Product((-1.0 if port == RATE else 1.0) * factor * self.time_constant, dy, dy)]
+
+    def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
+        from scipy.signal import lfilter  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+        decay = np.exp(-step / self.time_constant)
+        y: Any = lfilter([1.0 - decay], [1.0, -decay], x, zi=[decay * x[0]])[0]
+        return y - x if self.behind else y
+
+    def dissipated(self, port: str, z: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        if port == CHARGE:
+            return slopes
+        return (-z if port == RATE else z)[:, None] * values
 
 
 @dataclass(frozen=True, kw_only=True)

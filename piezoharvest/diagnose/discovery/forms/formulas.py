@@ -112,7 +112,7 @@ def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
     bare, loss, place = without_law(problem, table), _Loss(table), table.place
     transducer = bare.model.transducer
     path = drop_path(transducer) if place.in_circuit else (OWN.get(place.name, ""),)
-    if path not in {p.path for p in bare.model.parameters}:
+    if path not in {p.path for p in bare.model.parameters} or table.law.memory is not None:
         return bare, form
     value = value_at(transducer, path) - (loss.constant(form) if place.in_circuit else loss.line(form))
     free = bare.model.parameters
@@ -147,7 +147,7 @@ class _Loss:
         # beside it; elsewhere a constant goes with offsets.
         fixed = table.place.in_circuit and not drop_path(table.found.model.transducer)
         free = [] if fixed else [np.ones(len(self.x))]
-        self.basis = np.column_stack([pieces, *free, *([self.x] if table.place.bent else [])])
+        self.basis = np.column_stack([pieces, *free, *([self.x] if table.law.bent else [])])
         inside, right = table.normal
         values, vectors = np.linalg.eigh(inside)
         values = np.maximum(values, 0.0)
@@ -200,10 +200,11 @@ class _Loss:
 
 def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     """Families of formulas, each with its starts."""
-    place, low, high = table.place, float(table.visited.min()), float(table.visited.max())
+    place, bent = table.place, table.law.bent
+    low, high = float(table.visited.min()), float(table.visited.max())
     size = max(abs(low), abs(high))
     sides = [side for side in (1, -1) if side * (high if side > 0 else low) > 0.0]
-    if not place.bent:
+    if not bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
     yield from _powers(size, sides, POWER_OF_ENGINE if pieces < PIECES else {})
@@ -215,7 +216,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
         knees = begin + (reach - begin) * np.linspace(0.04, 0.96, KNEES)
         make = lambda z, s=sides_of: Knee(factor=z[0], knee=z[1], sides=s)  # noqa: E731
         yield [(make, np.array([knee if sides_of != -1 else -knee])) for knee in knees]
-    if not place.bent:  # else it is a knee beside the model's straight line
+    if not bent:  # else it is a knee beside the model's straight line
         zones = size * np.linspace(0.04, 0.96, KNEES)
         yield [(lambda z: DeadZone(factor=z[0], zone=z[1]), np.array([zone])) for zone in zones]
     yield from _curves(table, size, pieces)
@@ -254,7 +255,7 @@ def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
         yield [
             (
                 lambda z, c=curve, k=knots, s=sign: Shape(
-                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=place.bent, knots=k
+                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=table.law.bent, knots=k
                 ),
                 np.array([np.log(share)]),
             )

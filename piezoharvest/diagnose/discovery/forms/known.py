@@ -50,7 +50,8 @@ def _spring(law: Law, device: Transducer) -> Iterator[Effect]:
     if isinstance(form, Line) and isinstance(memory, Play):
         yield Friction(stiffness=form.factor, threshold=memory.threshold)
     if isinstance(form, Line) and isinstance(memory, Relaxation):
-        softer = -form.factor / device.stiffness  # c/(1 + c) of the creep ratio c
+        stiff = device.stiffness - (form.factor if memory.behind else 0.0)  # of fast motion
+        softer = -form.factor / stiff  # c/(1 + c) of the creep ratio c
         ratio = softer / (1.0 - softer)
         yield Creep(compliance_ratio=ratio, time_constant=memory.time_constant * (1.0 + ratio))
 
