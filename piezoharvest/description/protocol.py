@@ -133,11 +133,15 @@ class EquationBuilder(SpecimenRows, Protocol):
         """Add a power of a row, or of its positive part; return the row of it."""
         ...
 
-    def hinge(self, row: Row, knot: float, width: float) -> Row:
-        """Add the excess of a row over a knot, zero below it; return the row of it.
+    def hinges(self, row: Row, corners: Sequence[tuple[float, Any, Any]], order: int = 1) -> Row:
+        """Add the sum of c max(s (x - k), 0)^order / order of a row x over corners (s, k, c); return the row of it.
 
-        A builder whose elements have to be smooth rounds the corner off over a range of this width.
+        The side s is 1 or -1, the order 1 or 2.
         """
+        ...
+
+    def curve(self, name: str, row: Row) -> Row:
+        """Add a curve of a row, by its name in `nameless.curves.CURVES`; return the row of it."""
         ...
 
     def charge(self, row: Row) -> None:

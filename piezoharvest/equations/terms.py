@@ -15,14 +15,17 @@ import numpy as np
 
 from piezoharvest.description.circuit import Product, Row, State, Switch
 from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.effects.nameless.curves import CODES, CURVES, PARITIES, SLOPES_AT_REST
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.equations.laws import strain_charge
+from piezoharvest.equations.pieces import Pieces, broken_line
 
 MAX_COLUMNS = 128  # columns at most
 UNITS = np.eye(MAX_COLUMNS)
-PRODUCT, TIMED, HINGE = 0, 1, -1
+PRODUCT, TIMED, PIECEWISE = 0, 1, -1
+CURVE = -2  # and below: of codes of curves
 Rows = Mapping[str, Row]
 
 
@@ -41,7 +44,7 @@ class StopElement(NamedTuple):
 
 
 class SmoothElement(NamedTuple):
-    """Smooth element that an effect adds: a power of its first input, or a product of its inputs.
+    """Element that an effect adds: a function of its first input, or a product of its inputs.
 
     Attributes
     ----------
@@ -49,26 +52,34 @@ class SmoothElement(NamedTuple):
     first, second : Row
     power : int
         From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as fraction of the record times the single input;
-        `HINGE`, the input where it is well above one, and next to nothing where it is well below minus one.
+        `PIECEWISE` has `pieces`; from `CURVE` downwards those of curves, by their codes.
+    pieces : Pieces or None
     """
 
     name: str
     first: Row
     second: Row
     power: int
+    pieces: Pieces | None = None
 
-    def at_start(self, first: float, second: float) -> float:
-        """Output for these inputs at time zero."""
-        return output_at_start(self.power, first, second)
+    def at_start(self, first: Any, second: Any, design: int = 0) -> Any:
+        """Output for these inputs at time zero, in one design of a batch."""
+        if self.power == TIMED:
+            return 0.0 * first
+        if self.pieces is not None:
+            return self.pieces.value(first, design)
+        if self.power <= CURVE:
+            return tuple(CURVES.values())[CURVE - self.power](first)
+        return first * second if self.power == PRODUCT else first**self.power
 
-
-def output_at_start(power: int, first: float, second: float) -> float:
-    """Output of a smooth element of a power, as of `SmoothElement`, for these inputs at time zero."""
-    if power == TIMED:
-        return 0.0
-    if power == HINGE:
-        return 0.5 * (first + np.sqrt(first**2 + 1.0))
-    return first * second if power == PRODUCT else first**power
+    @property
+    def parity(self) -> int:
+        """-1 if the output changes sign with the inputs, 1 if it does not, 0 of neither."""
+        if self.pieces is not None:
+            return self.pieces.parity
+        if self.power <= CURVE:
+            return PARITIES[CURVE - self.power]
+        return -1 if self.power % 2 else 1
 
 
 class Terms:
@@ -79,7 +90,7 @@ class Terms:
     transducer : Transducer
     drive : "force" or "base_acceleration"
     linearised : bool
-        For small motions about rest, in which smooth elements have no influence.
+        For small motions about rest, in which powers and products have no influence.
     passes : bool
         Time passes from the beginning of a record to its end, for effects that change during it.
     size : (float, float), optional
@@ -200,16 +211,28 @@ class Terms:
         whole = not positive and float(exponent).is_integer() and exponent >= 2
         return self._element(row, row, int(exponent)) if whole else self._unknown
 
-    def hinge(self, row: Row, knot: float, width: float) -> Row:
-        """Excess of a row over a knot, rounded off to a branch of a hyperbola: the engine's steps need it smooth.
+    def hinges(self, row: Row, corners: Sequence[tuple[float, Any, Any]], order: int = 1) -> Row:
+        """Sum of c max(s (x - k), 0)^order / order of a row x over corners (s, k, c), one element.
 
-        Of time by itself it is unknown, but where no time passes.
+        At their null value each has an element of its own, of which the derivative is a multiple. Of time by itself it
+        is unknown, but where no time passes.
         """
         if np.any(row[..., self.columns["time"]]):
             return self._unknown if self._passes else self.nothing
-        share = 1.0 / width
-        inside = share * (row - knot * self.one)
-        return width * self._element(inside, inside, HINGE)
+        if self._linearised:
+            return broken_line(corners, order).slope_at_rest * row
+        if any(np.any(np.real(kink)) for _, _, kink in corners):
+            return self._element(row, row, PIECEWISE, broken_line(corners, order))
+        alone = ((kink, broken_line([(side, knot, 1.0)], order)) for side, knot, kink in corners)
+        return sum((kink * self._element(row, row, PIECEWISE, each) for kink, each in alone), self.nothing)
+
+    def curve(self, name: str, row: Row) -> Row:
+        """Curve of a row, by its name; of time by itself it is unknown, but where no time passes."""
+        if np.any(row[..., self.columns["time"]]):
+            return self._unknown if self._passes else self.nothing
+        if self._linearised:
+            return SLOPES_AT_REST[CODES[name]] * row
+        return self._element(row, row, CURVE - CODES[name])
 
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
@@ -256,19 +279,19 @@ class Terms:
         """Placeholder for a row that is not available: zero for small motions, else NaN."""
         return np.zeros(MAX_COLUMNS) if self._linearised else np.full(MAX_COLUMNS, np.nan)
 
-    def _element(self, first: Row, second: Row, power: int) -> Row:
-        """Column of a smooth element's output; that of its rate stands behind it."""
+    def _element(self, first: Row, second: Row, power: int, pieces: Pieces | None = None) -> Row:
+        """Column of an element's output; that of its rate stands behind it."""
         if self._linearised:
             return self.nothing
         if np.any(np.isnan(first)) or np.any(np.isnan(second)):
             raise self._unavailable()
-        for known in self.elements:  # a function and its slope are made of the same corners
+        for known in self.elements if pieces is None else ():
             if known.power == power and np.array_equal(known.first, first) and np.array_equal(known.second, second):
                 return UNITS[self.columns[known.name]]
         name = f"smooth{len(self.elements) + 1}"
         column = self._column(name)
         self._column(name + "'")
-        self.elements.append(SmoothElement(name, first, second, power))
+        self.elements.append(SmoothElement(name, first, second, power, pieces))
         return column
 
     def _that_act(self) -> list[SmoothElement]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.predict.record_model import HINGE, POSITIVE_POWER, POWER, PRODUCT
+from piezoharvest.description.effects.nameless.curves import CURVES
+from piezoharvest.predict.record_model import CURVE, HINGE, POSITIVE_POWER, POWER, PRODUCT
 
 
 def outputs_of(
@@ -26,4 +27,6 @@ def outputs_of(
             found[:, j] = np.where(above, np.where(above, value, 1.0) ** parameter, 0.0)
         elif kind == HINGE:
             found[:, j] = np.where(np.real(value - parameter) > 0, value - parameter, 0.0)
+        elif kind >= CURVE:
+            found[:, j] = tuple(CURVES.values())[kind - CURVE](value)
     return found

@@ -7,14 +7,15 @@ are then solved once for the rates of the states, and nonlinearities remain in t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType, SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.circuit import Port, Row
+from piezoharvest.description.effects.nameless.curves import CODES
 from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
@@ -33,7 +34,7 @@ from piezoharvest.equations.laws import (
 COLUMNS = (
     96  # at first: a transducer of six modes with ten operators and five effects; doubled as long as more are needed
 )
-STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE = range(5)
+STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE, CURVE = range(6)  # and from CURVE on the codes of curves
 INPUTS = ("drive", "drive_rate", "one", "time")
 # An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
 # sample.
@@ -204,9 +205,19 @@ class RecordModel:
         """Integer power of a row; with `positive` any power of its positive part, zero below."""
         return self._element(ScalarElement(POSITIVE_POWER if positive else POWER, row, row, exponent))
 
-    def hinge(self, row: Row, knot: float, width: float) -> Row:
-        """Excess of a row over a knot, zero below it: exact, so that its width is not used."""
-        return self._element(ScalarElement(HINGE, row, row, knot))
+    def hinges(self, row: Row, corners: Sequence[tuple[float, Any, Any]], order: int = 1) -> Row:
+        """Sum of c max(s (x - k), 0)^order / order of a row x over corners (s, k, c)."""
+        total = 0.0 * row
+        for side, knot, kink in corners:
+            if order == 1:
+                total = total + kink * self._element(ScalarElement(HINGE, side * row, side * row, side * knot))
+            else:
+                total = total + kink / order * self.power(side * (row - knot * self.one), order, positive=True)
+        return total
+
+    def curve(self, name: str, row: Row) -> Row:
+        """Add a curve of a row, by its name."""
+        return self._element(ScalarElement(CURVE + CODES[name], row, row, 0.0))
 
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""

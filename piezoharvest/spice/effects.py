@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED, SmoothElement
+from piezoharvest.equations.pieces import Pieces
+from piezoharvest.equations.terms import CURVE, PRODUCT, TIMED, SmoothElement
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import OperatingPoint
 from piezoharvest.spice.stop import write_stop
+
+ROUNDED = 1e-2  # of the largest corner: range over which one is rounded off, which moves the curve by a part in 1e4
+# Curves in the order of their codes. Large arguments that an iteration tries must not overflow.
+CURVES = (
+    "(exp(min({x},100))-1)", "(0.5*(exp(min({x},100))-exp(min(-{x},100))))", "tanh({x})",
+    "({x}/sqrt({x}*{x}+1e-4)*(1/tanh(sqrt({x}*{x}+1e-4))-1/sqrt({x}*{x}+1e-4)))", "(sgn({x})*log(1+abs({x})))",
+    "({x}/sqrt({x}*{x}+1))", "exp(-{x}*{x})",
+)  # fmt: skip
 
 
 def write_effects(deck: Deck, point: OperatingPoint) -> None:
@@ -54,6 +65,25 @@ def _write_charge(deck: Deck, point: OperatingPoint, values: _Values) -> None:
     deck.add("Ccharge charge sense", size, f"IC={number(values.at_start(point.terms.charges) / size)}")
     deck.add("Vsense sense 0 0")
     deck.add("Bsense t 0 I=I(Vsense)")
+
+
+def _piecewise(pieces: Pieces, x: str) -> str:
+    """Expression of a function that is a polynomial in each piece: the first one, and what is added at each corner.
+
+    Corners are rounded off, as the steps of a circuit simulator need it.
+    """
+    width = ROUNDED * float(np.max(np.abs(pieces.corners), initial=0.0))
+    coefficients = np.real(pieces.coefficients).reshape(-1, 3)
+    first = coefficients[0]
+    terms = [f"{number(first[0])}", f"{number(first[1])}*{x}"] + [f"{number(first[2])}*{x}*{x}"] * bool(first[2])
+    for corner, before, after in zip(pieces.corners, coefficients, coefficients[1:], strict=False):
+        beyond = f"({x}-({number(corner)}))"
+        root = f"sqrt({beyond}*{beyond}+{number(width**2)})" if width else f"abs({beyond})"
+        excess = f"(0.5*({beyond}+{root}))"
+        slope = after[1] - before[1] + 2.0 * corner * (after[2] - before[2])
+        terms += [f"{number(slope)}*{excess}"] * bool(slope)
+        terms += [f"{number(after[2] - before[2])}*{excess}*{excess}"] * bool(after[2] - before[2])
+    return "(" + "+".join(f"({term})" for term in terms) + ")"
 
 
 class _Values:
@@ -106,8 +136,10 @@ class _Values:
             return f"{first}*{second}"
         if element.power == TIMED:
             return f"(time*{number(1 / self.point.length)})*{first}"
-        if element.power == HINGE:
-            return f"(0.5*({first}+sqrt({first}*{first}+1)))"
+        if element.pieces is not None:
+            return _piecewise(element.pieces, first)
+        if element.power <= CURVE:
+            return CURVES[CURVE - element.power].format(x=first)
         return "*".join([first] * element.power)
 
     def _sum(self, row: Row, known: Mapping[str, tuple[float, str]]) -> list[tuple[float, str]]:

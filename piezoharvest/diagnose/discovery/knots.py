@@ -12,7 +12,6 @@ from piezoharvest.description.effects.nameless.places import Place
 
 KNOTS = 11  # the ends included: the smoothness is by the prior, so that more would only cost time
 ENDS = (0.002, 0.998)  # quantiles of the visited inputs between which corners lie
-PIECES = 40  # of a broken line that stands for a smooth curve: off by a thousandth of it where it is most bent
 NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
 
 
@@ -42,19 +41,3 @@ def table_for(
     chosen = tuple(float(k) for k in (*first, *inner))
     kind = Bends if smooth else Corners
     return kind(knots=chosen, kinks=(0.0,) * len(chosen))
-
-
-def fine_knots(visited: np.ndarray, count: int = PIECES, *, dense: bool = False) -> tuple[float, ...]:
-    """Corners of a broken line that stands for a smooth curve, from zero to both ends of what was visited.
-
-    They are evenly spaced, or `dense` near zero, where a curve that saturates is most bent: in squares.
-    """
-    low, high = float(visited.min()), float(visited.max())
-    if not low < 0.0 < high:
-        return tuple(map(float, _spaced(high if high > 0 else low, count, dense)))
-    below = 1 + round(count * -low / (high - low))
-    return (*map(float, _spaced(high, count - below + 1, dense)), *(-float(k) for k in _spaced(-low, below, dense)))
-
-
-def _spaced(end: float, count: int, dense: bool) -> np.ndarray:
-    return end * np.linspace(0.0, 1.0, max(count, 2)) ** (2 if dense else 1)

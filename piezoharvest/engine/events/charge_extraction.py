@@ -20,6 +20,7 @@ from piezoharvest.engine.motion.element_outputs import (
     output_of,
     outputs,
     outputs_at,
+    release,
     scale_of,
     scratch,
     slope_of,
@@ -113,6 +114,7 @@ def _extract_nonlinear(P, L, S, D, row, slope, reach, first):
     """
     rows, start, now = L[pg.ROWS], scratch(L, D, START), S[D[st.CLOCK]]
     copy(S, 0, start, rows)
+    release(L, D)
     outputs_at(P, L, S, D, 0, now, row, slope)
     move = S[L[pg.CHARGE]] - S[start + L[pg.CHARGE]]
     if not abs(reach) < abs(move):
@@ -143,7 +145,7 @@ def _charge_response(P, L, S, D, row, slope, phi):
         for which in range(2):
             form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
             change = dot_column(P, form, 1, S, phi, L[pg.N]) - charge_slope(P, L, D, form) * voltage / slope
-            total += slope_of(P, L, k, first, second, now, which) * change
+            total += slope_of(P, L, D, k, first, second, now, which) * change
         S[right + k] = total / scale_of(P, L, element_of(L, k))
     equations(P, L, S, D, 0, now, row, slope)
     solve(L, S, D)
@@ -175,9 +177,9 @@ def _extraction_work(P, L, S, D, row, slope, move):
             to_first, to_second = input_of(P, L, S, 0, k, 0) - first, input_of(P, L, S, 0, k, 1) - second
             first, second = first + NODES[q] * to_first, second + NODES[q] * to_second
             place = element_of(L, k)
-            S[more + k] = output_of(P, L, k, first, second, now) / scale_of(P, L, place) - S[start + place]
-            slopes = slope_of(P, L, k, first, second, now, 0) * to_first
-            slopes += slope_of(P, L, k, first, second, now, 1) * to_second
+            S[more + k] = output_of(P, L, D, k, first, second, now) / scale_of(P, L, place) - S[start + place]
+            slopes = slope_of(P, L, D, k, first, second, now, 0) * to_first
+            slopes += slope_of(P, L, D, k, first, second, now, 1) * to_second
             S[rates + k] = slopes / scale_of(P, L, place)
             here += P[row + place] * S[more + k]
         if lead != NONE:

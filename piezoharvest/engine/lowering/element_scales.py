@@ -11,16 +11,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
+from piezoharvest.equations.terms import CURVE, PRODUCT, TIMED, SmoothElement
 
 
-def influences(powers: Sequence[int], direct: np.ndarray, by_state: np.ndarray, by_output: np.ndarray) -> np.ndarray:
+def influences(
+    elements: Sequence[SmoothElement], direct: np.ndarray, by_state: np.ndarray, by_output: np.ndarray
+) -> np.ndarray:
     """Largest influence of each element's output on the motion, directly or through the elements behind it.
 
     Parameters
     ----------
-    powers : sequence of int
-        Of the elements, as of `SmoothElement`, in their order: an input is that of an earlier one.
+    elements : sequence of SmoothElement
+        In their order: an input is that of an earlier one.
     direct : (..., e) array
         Influence on the equations of motion of a unit of each output.
     by_state : (..., e, 2) array
@@ -34,22 +36,26 @@ def influences(powers: Sequence[int], direct: np.ndarray, by_state: np.ndarray, 
         As `direct`, where that is not zero.
     """
     sizes, slopes = np.zeros_like(direct), np.zeros_like(by_state)
-    for k, power in enumerate(powers):
+    for k, element in enumerate(elements):
         first, second = np.moveaxis(
             by_state[..., k, :] + np.sum(by_output[..., k, :, :] * sizes[..., None, :], -1), -1, 0
         )
-        sizes[..., k], slopes[..., k, 0] = _output(power, first, second)
-        slopes[..., k, 1] = first if power == PRODUCT else 0.0
+        sizes[..., k], slopes[..., k, 0] = _output(element, first, second)
+        slopes[..., k, 1] = first if element.power == PRODUCT else 0.0
     found = direct.copy()
-    for k in reversed(range(len(powers))):
+    for k in reversed(range(len(elements))):
         found += found[..., k, None] * np.sum(slopes[..., k, :, None] * by_output[..., k, :, :], axis=-2)
     return np.where(direct > 0.0, direct, found)
 
 
-def _output(power: int, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _output(element: SmoothElement, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Size of an output, and of its derivative by the first input, for inputs of these sizes."""
+    power = element.power
     if power == PRODUCT:
         return first * second, second
-    if power in (TIMED, HINGE):
+    if power == TIMED or power <= CURVE:  # of a curve that of its argument, which is of the size of one
         return first, np.ones_like(first)
+    if element.pieces is not None:
+        _, slope, bend = np.abs(np.real(element.pieces.coefficients)).reshape(-1, 3).max(axis=0)
+        return first * (slope + bend * first), slope + 2.0 * bend * first
     return first**power, power * first ** (power - 1)

@@ -8,7 +8,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import COMPLEX_STEP, ParameterError
 from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, stack
 from piezoharvest.equations.rows import gains
-from piezoharvest.equations.terms import output_at_start
+from piezoharvest.equations.terms import SmoothElement
 
 ROUNDING_SHARE = 1e-12  # of its terms: a sum below this counts as zero
 
@@ -38,14 +38,14 @@ def _at_rest(layout: Layout, physics: Physics, excitation: Excitation, scale: np
         inputs = physics.inputs()
         follows = np.linalg.solve(rows / size, -forms[..., smooth] / size)
         found = _nonlinear_equilibrium(
-            layout.powers, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
+            layout.elements, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
         )
     rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
     rest[..., own] = found
     return rest
 
 
-def _nonlinear_equilibrium(powers: list[int], rest, follows, by_state, by_output) -> np.ndarray:
+def _nonlinear_equilibrium(elements: list[SmoothElement], rest, follows, by_state, by_output) -> np.ndarray:
     """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
     batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
     terms = by_state * rest[..., None, :]
@@ -54,12 +54,13 @@ def _nonlinear_equilibrium(powers: list[int], rest, follows, by_state, by_output
     at_rest.real[np.abs(at_rest.real) < ROUNDING_SHARE * np.abs(terms).sum(axis=-1)] = 0.0
     parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), (at_rest, 1))
     spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
-    for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
-        found.append(z + bend @ _element_outputs(powers, inputs, at_rest))
+    designs = zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True)
+    for design, (z, bend, inputs, at_rest) in enumerate(designs):
+        found.append(z + bend @ _element_outputs(elements, design, inputs, at_rest))
     return np.reshape(found, batch + rest.shape[-1:])
 
 
-def _element_outputs(powers: list[int], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+def _element_outputs(elements: list[SmoothElement], design: int, inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
     """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero.
 
     With complex steps of a quantity their derivatives follow by the implicit function theorem.
@@ -67,10 +68,10 @@ def _element_outputs(powers: list[int], inputs: np.ndarray, at_rest: np.ndarray)
     from scipy.optimize import root
 
     def outputs(w: np.ndarray, inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
-        pairs = zip(powers, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
-        return np.array([output_at_start(power, first, second) for power, (first, second) in pairs])
+        pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
+        return np.array([element.at_start(first, second, design) for element, (first, second) in pairs])
 
-    count, nominal = len(powers), (np.real(inputs), np.real(at_rest))
+    count, nominal = len(elements), (np.real(inputs), np.real(at_rest))
     size = np.abs(outputs(np.zeros(count), *nominal))
     # From where the outputs do not act on each other; away from there another equilibrium may be nearer.
     begin = np.where(size == 0.0, 0.0, 1.0)

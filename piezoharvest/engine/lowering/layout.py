@@ -14,7 +14,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.equations.circuits import circuit_states
 from piezoharvest.equations.laws import hysteresis_voltage
 from piezoharvest.equations.rows import device, own_rows
-from piezoharvest.equations.terms import PRODUCT, Rows, Terms, state_names
+from piezoharvest.equations.terms import PRODUCT, Rows, SmoothElement, Terms, state_names
 
 
 def scalar(value) -> np.ndarray:
@@ -76,8 +76,9 @@ class Layout:
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
         own_products = shunt.multiplied
-        self.powers = [*(element.power for element in terms.elements), *[PRODUCT] * len(own_products)]
-        self.signal = pg.DERIVATIVES * len(self.powers)  # where it begins in the exogenous states
+        products = [SmoothElement(name, terms.nothing, terms.nothing, PRODUCT) for name in own_products]
+        self.elements = [*terms.elements, *products]  # of whose inputs only those of the terms are rows of them
+        self.signal = pg.DERIVATIVES * len(self.elements)  # where it begins in the exogenous states
         self.exogenous = self.signal + (2 * signal.frequencies.shape[-1] if isinstance(signal, Tones) else 2) + 1
         self.width = 2 * self.n + self.exogenous
         eye = np.eye(self.width)

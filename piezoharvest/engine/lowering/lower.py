@@ -23,6 +23,7 @@ from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
 from piezoharvest.equations.circuits import circuit_equations, circuit_powers
+from piezoharvest.equations.pieces import Pieces
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
 
@@ -136,7 +137,9 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
     n, end = len(program.odd), len(program.odd) + pg.DERIVATIVES * len(program.element_power)
     signs[end + 2 * len(program.phase) :] = 1.0  # the constant
-    signs[n:end] = np.repeat(np.where(program.element_power % 2, -1.0, 1.0), pg.DERIVATIVES)
+    if not np.all(program.element_parity):
+        return False
+    signs[n:end] = np.repeat(program.element_parity, pg.DERIVATIVES)
     image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
     inputs = np.allclose(program.element_z * signs, -program.element_z, rtol=1e-12, atol=0)
     return bool(inputs and np.allclose(image, mirror, rtol=1e-12, atol=0))
@@ -354,15 +357,28 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
 
 def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
     """Tables of the smooth elements: their inputs as rows over the state, and their kinds."""
-    powers = layout.powers
+    elements = layout.elements
     over_state, over_rate = columns.split(physics.inputs(), 1)
     if np.any(over_rate):
         raise ParameterError("transducer.effects", "found a power of a current, allowed are powers of states and v_t")
-    shape = (*over_state.shape[:-2], len(powers), 2, over_state.shape[-1])
+    shape = (*over_state.shape[:-2], len(elements), 2, over_state.shape[-1])
+    pieces = [each.pieces or Pieces(np.zeros(0), np.zeros((1, 3))) for each in elements]
+    counts = [len(each.corners) for each in pieces]
     return {
-        "element_z": over_state.reshape(shape), "element_power": np.array(powers, int),
+        "element_z": over_state.reshape(shape), "element_power": np.array([each.power for each in elements], int),
+        "element_parity": np.array([each.parity for each in elements], int),
+        "corners": np.concatenate([np.zeros(0), *(each.corners for each in pieces)]),
+        "pieces": _one_after_another([each.coefficients for each in pieces]),
+        "first_corner": np.cumsum([0, *counts]),
         "drift": 1.0 / record if record else 0.0,
     }  # fmt: skip
+
+
+def _one_after_another(coefficients: list[np.ndarray]) -> np.ndarray:
+    """Coefficients (..., k, 3) of several elements in one array; those without the axes of a batch hold for all."""
+    batch = np.broadcast_shapes(*(each.shape[:-2] for each in coefficients))
+    each = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in coefficients]
+    return np.concatenate([np.zeros((*batch, 0, 3)), *each], axis=-2)
 
 
 def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
@@ -420,7 +436,7 @@ def _exo_scale(layout: Layout, equations, scale, signal: Tones | Ramps, physics:
     direct = np.maximum(size[..., 0 : at : pg.DERIVATIVES], size[..., 1 : at : pg.DERIVATIVES] * resonance)
     if np.any(direct == 0.0):
         level = _drive_level(found, at, signal)[..., None]
-        direct = influences(layout.powers, direct, *_input_sizes(layout, physics, np.real(scale) * level))
+        direct = influences(layout.elements, direct, *_input_sizes(layout, physics, np.real(scale) * level))
     values = np.where(direct > 0, resonance / np.where(direct > 0, direct, 1.0), IDLE_SCALE)
     for j in range(direct.shape[-1]):
         k = pg.DERIVATIVES * j

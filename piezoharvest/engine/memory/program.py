@@ -85,6 +85,10 @@ class Program(NamedTuple):
     output_d: np.ndarray  # (c, outputs, n)
     equilibrium: np.ndarray  # (n,) under the static part of the excitation, electrodes relaxed
     element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
+    corners: np.ndarray  # (t,) of all piecewise elements, one after the other
+    pieces: (
+        np.ndarray
+    )  # (t + e, 3) a, b, c of their polynomials a + b x + c x^2; one more than corners for each element
     lag: float
     on_time: float
     stage: np.ndarray  # (c,) share of it for which the switch holds a configuration
@@ -117,7 +121,9 @@ class Program(NamedTuple):
     cut: np.ndarray  # (n,) 1 for states set to zero when the switch opens or steps on
     mirror: np.ndarray  # (c,)
     product_category: np.ndarray  # (c, p), -1 where there is none
-    element_power: np.ndarray  # (e,) as in `terms.Element`
+    element_power: np.ndarray  # (e,) as in `terms.SmoothElement`
+    element_parity: np.ndarray  # (e,) likewise
+    first_corner: np.ndarray  # (e + 1,) of each element; the next one's is its end
     assigned_state: np.ndarray  # (m,)
     assigned_first: np.ndarray  # (c + 1,) first assignment at the end of a configuration; the next one's is the end
 
@@ -129,11 +135,12 @@ _SIZES = 12
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, GATE_ENERGY, EARLY,
+    EQUILIBRIUM, ELEMENT_Z, CORNERS, PIECES, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD,
+    GATE_ENERGY, EARLY,
     STEP, ASSIGNED_ROW, ASSIGNED_STEP, ASSIGNED_LIMIT, DRIFT, PERIOD,
     SIGNAL_KIND, CHARGE, SWITCHED, SHORTED, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, CUT, MIRROR, PRODUCT_CATEGORY,
-    ELEMENT_POWER, ASSIGNED_STATE, ASSIGNED_FIRST,
+    ELEMENT_POWER, ELEMENT_PARITY, FIRST_CORNER, ASSIGNED_STATE, ASSIGNED_FIRST,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
 NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
@@ -197,11 +204,11 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     """Shape of every array of numbers in one design."""
     c, n, a = program.rate.shape[-3:]
     h, w, k, o, e = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS), len(program.element_power)
-    r = len(program.assigned_state)
+    r, t = len(program.assigned_state), program.corners.shape[-1]
     g, p, m = program.guard_target.shape[1], program.product_category.shape[1], n + DERIVATIVES * e
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
-        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a),
+        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a), (t,), (t + e, 3),
         (), (), (c,), (n,), (), (), (), (), (), (), (), (r, a), (r,), (r,), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

@@ -24,12 +24,12 @@ TOLERANCE = 1e-11  # of the outputs of smooth elements: the energy of a period t
     # recorded quantities,
     SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED, STEPS_TAPED,
     # places of lists in D,
-    SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS, COUNTS,
+    SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS, SEGMENTS, COUNTS,
     # and in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
     FREE_STEP, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
     SAMPLES, TAPE, QUADRATURE, FIRST_TIMES, END,
-) = range(55)  # fmt: skip
+) = range(56)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -81,7 +81,7 @@ class EngineState:
         }  # fmt: skip
         lists = {
             SLIP: h, POLARITY: QUEUE_LENGTH, CANDIDATE: guards, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)),
-            PIVOTS: elements, COUNTS: len(pg.EVENT_NAMES),
+            PIVOTS: elements, SEGMENTS: elements, COUNTS: len(pg.EVENT_NAMES),
         }  # fmt: skip
         in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
         self.D = np.zeros(in_d[-1], np.int64)

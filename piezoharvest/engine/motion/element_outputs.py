@@ -14,9 +14,11 @@ from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
 from piezoharvest.engine.memory.vector import multiply
 from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
+from piezoharvest.engine.motion.curves import curve_of
+from piezoharvest.equations.terms import CURVE, PIECEWISE, PRODUCT, TIMED
 
 MAX_ITERATIONS = 40
+NEXT = 1e-9  # of a step: what lies so far ahead tells the piece that it goes through, where it begins at a corner
 STEP_TOLERANCE = 1e-9  # of outputs or state: largest last step of Newton's method that counts as converged
 # Scratch behind CURVE: length of the next step and of the last one, admissible error of outputs, vectors, the matrix of
 # the outputs and its sides.
@@ -65,26 +67,57 @@ def input_of(P, L, S, z, k, which):
 
 
 @compiled
-def output_of(P, L, k, first, second, time):
+def segment_at(P, L, k, first):
+    """Number of the piece of a piecewise element in which an input lies."""
+    at, end = L[L[pg.FIRST_CORNER] + k], L[L[pg.FIRST_CORNER] + k + 1]
+    segment = 0
+    while at + segment < end and P[L[pg.CORNERS] + at + segment] <= first:
+        segment += 1
+    return segment
+
+
+@compiled
+def _piece_of(P, L, D, k, first):
+    """Place of the polynomial of a piecewise element: that which is held over a step, or that of the input."""
+    held = D[D[st.SEGMENTS] + k]
+    segment = held - 1 if held else segment_at(P, L, k, first)
+    return L[pg.PIECES] + 3 * (L[L[pg.FIRST_CORNER] + k] + k + segment)
+
+
+@compiled
+def release(L, D):
+    """Let the outputs of piecewise elements follow their inputs from piece to piece, as where a state jumps."""
+    for k in range(L[pg.ELEMENTS]):
+        D[D[st.SEGMENTS] + k] = 0
+
+
+@compiled
+def output_of(P, L, D, k, first, second, time):
     """Output of an element for these inputs."""
     power = L[L[pg.ELEMENT_POWER] + k]
     if power == TIMED:
         return P[L[pg.DRIFT]] * time * first
-    if power == HINGE:
-        return 0.5 * (first + np.sqrt(first * first + 1.0))
+    if power == PIECEWISE:
+        at = _piece_of(P, L, D, k, first)
+        return P[at] + first * (P[at + 1] + first * P[at + 2])
+    if power <= CURVE:
+        return curve_of(CURVE - power, first)[0]
     return first * second if power == PRODUCT else first**power
 
 
 @compiled
-def slope_of(P, L, k, first, second, time, which):
+def slope_of(P, L, D, k, first, second, time, which):
     """Derivative of the output of an element by one of its inputs."""
     power = L[L[pg.ELEMENT_POWER] + k]
     if power == PRODUCT:
         return first if which else second
     if which:
         return 0.0
-    if power == HINGE:
-        return 0.5 * (1.0 + first / np.sqrt(first * first + 1.0))
+    if power == PIECEWISE:
+        at = _piece_of(P, L, D, k, first)
+        return P[at + 1] + 2.0 * first * P[at + 2]
+    if power <= CURVE:
+        return curve_of(CURVE - power, first)[1]
     return P[L[pg.DRIFT]] * time if power == TIMED else power * first ** (power - 1)
 
 
@@ -118,7 +151,7 @@ def equations(P, L, S, D, z, time, row, slope):
                 by_output = P[form + place]
                 if row != NONE:
                     by_output -= charge_slope(P, L, D, form) * P[row + place] / slope
-                total += slope_of(P, L, k, first, second, time, which) * by_output
+                total += slope_of(P, L, D, k, first, second, time, which) * by_output
             S[matrix + k * count + m] = (1.0 if k == m else 0.0) - total / scale_of(P, L, element_of(L, k))
 
 
@@ -136,7 +169,7 @@ def outputs_at(P, L, S, D, z, time, row, slope):
             move_charge(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
         for k in range(count):
             place, first, second = element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
-            S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, place) - S[z + place]
+            S[right + k] = output_of(P, L, D, k, first, second, time) / scale_of(P, L, place) - S[z + place]
         equations(P, L, S, D, z, time, row, slope)
         solve(L, S, D)
         largest, change = 0.0, 0.0
@@ -167,14 +200,14 @@ def _rates(P, L, S, D, slot, z, time, right):
     for k in range(L[pg.ELEMENTS]):
         first, second, total = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1), 0.0
         for which in range(2):
-            total += slope_of(P, L, k, first, second, time, which) * input_of(P, L, S, flow, k, which)
+            total += slope_of(P, L, D, k, first, second, time, which) * input_of(P, L, S, flow, k, which)
         if L[L[pg.ELEMENT_POWER] + k] == TIMED:
             total += P[L[pg.DRIFT]] * first
         S[right + k] = total / scale_of(P, L, element_of(L, k) + 1)
 
 
 @compiled
-def _rate_equation(P, L, S, slot, z, time, k, row):
+def _rate_equation(P, L, S, D, slot, z, time, k, row):
     """Set a row of the equations of the rates: that of the unit matrix less what each rate does to that of output k."""
     count, rows, flow = L[pg.ELEMENTS], L[pg.ROWS], block_of(L, slot) + L[tb.MATRIX]
     for m in range(count):
@@ -182,7 +215,7 @@ def _rate_equation(P, L, S, slot, z, time, k, row):
     first, second = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
     for which in range(2):
         form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
-        share = slope_of(P, L, k, first, second, time, which) / scale_of(P, L, element_of(L, k) + 1)
+        share = slope_of(P, L, D, k, first, second, time, which) / scale_of(P, L, element_of(L, k) + 1)
         for j in range(L[pg.A]) if share != 0.0 else range(0):
             if P[form + j] != 0.0:
                 for m in range(count):
@@ -196,13 +229,19 @@ def set_outputs_and_rates(P, L, S, D, slot, z, time):
     The equations of the rates are linear.
     """
     outputs(P, L, S, D, z, time)
+    set_rates(P, L, S, D, slot, z, time)
+
+
+@compiled
+def set_rates(P, L, S, D, slot, z, time):
+    """Set the rates of the outputs so that they agree with the rest of a state."""
     count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
     right = matrix + count * count
     for k in range(count):
         S[z + element_of(L, k) + 1] = 0.0
     _rates(P, L, S, D, slot, z, time, right)
     for k in range(count):
-        _rate_equation(P, L, S, slot, z, time, k, matrix + k * count)
+        _rate_equation(P, L, S, D, slot, z, time, k, matrix + k * count)
     solve(L, S, D)
     for k in range(count):
         S[z + element_of(L, k) + 1] = S[right + k]

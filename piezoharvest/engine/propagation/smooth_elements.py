@@ -20,21 +20,32 @@ from piezoharvest.engine.motion.element_outputs import (
     END,
     FLOW,
     MOVED,
+    NEXT,
     START,
     element_of,
+    input_of,
+    outputs,
+    release,
     scale_of,
     scratch,
+    segment_at,
     set_outputs_and_rates,
+    set_rates,
     size_of,
     tolerance_of,
 )
 from piezoharvest.engine.propagation.event_cascade import present_mode, process_due_events
 from piezoharvest.engine.propagation.propagate import propagate_mode, read_guards
 from piezoharvest.engine.propagation.trajectory import begin_tape, end_tape, set_beginning
+from piezoharvest.equations.terms import PIECEWISE
 
 # Of the admissible error: difference at the end of a step between a cubic and the output that the motion gives.
 AGREEMENT = 0.1
 MAX_ITERATIONS = 8  # iterations for cubic and motion to agree; a step in which they do not is halved
+CORNER = 1e-10  # of the way of an input over a step: so close to a corner it is there
+ROUNDING = 1e-15  # of an input and its corner: what a few sums of them are wrong by
+MAX_BISECTIONS = 60
+MAX_PASSES = 6  # to end a step at a corner: the second one meets it to rounding, others are for inputs that turn there
 MIN_STEP = 1e-9  # of a longest step: if a shorter one were needed, the outputs have no solution
 DIFFERENCE = 1e-7  # of the state: size of a finite difference
 FIRST_STEP = 1.0 / 256.0  # of a longest step: first trial step
@@ -49,7 +60,18 @@ def begin_step(P, L, S, D, slot):
     """
     now, moved, rows = S[D[st.CLOCK]], scratch(L, D, MOVED), L[pg.ROWS]
     copy(S, 0, moved, rows)
-    set_outputs_and_rates(P, L, S, D, slot, 0, now)
+    release(L, D)
+    outputs(P, L, S, D, 0, now)
+    _hold(P, L, S, D, slot)
+    outputs(P, L, S, D, 0, now)
+    _begin_outputs(P, L, S, D, slot)
+
+
+@compiled
+def _begin_outputs(P, L, S, D, slot):
+    """Set the slopes and second derivatives of the outputs at the present state; what it was before is at MOVED."""
+    now, moved, rows = S[D[st.CLOCK]], scratch(L, D, MOVED), L[pg.ROWS]
+    set_rates(P, L, S, D, slot, 0, now)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
         if abs(S[place] - S[moved + place]) <= tolerance_of(S, D) * size_of(L, S, 0):
@@ -66,6 +88,17 @@ def begin_step(P, L, S, D, slot):
         place = element_of(L, k)
         share = scale_of(P, L, place + 1) / scale_of(P, L, place + 2)
         S[place + 2] = (S[moved + place + 1] - S[place + 1]) / moment * share
+
+
+@compiled
+def _hold(P, L, S, D, slot):
+    """Hold the pieces of piecewise elements over the step that begins: those into which their inputs go."""
+    flow, ahead = scratch(L, D, FLOW), NEXT * S[D[st.CURVE]]
+    multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, 0, flow)
+    for k in range(L[pg.ELEMENTS]):
+        if L[L[pg.ELEMENT_POWER] + k] == PIECEWISE:
+            first = input_of(P, L, S, 0, k, 0) + ahead * input_of(P, L, S, flow, k, 0)
+            D[D[st.SEGMENTS] + k] = 1 + segment_at(P, L, k, first)
 
 
 @compiled
@@ -170,6 +203,57 @@ def _consistent_step(P, L, S, D, slot, step, left):
 
 
 @compiled
+def _until_corner(P, L, S, D, slot, length):
+    """Share of the step from START to the present state after which an input first leaves the piece that is held.
+
+    By the cubic of the input with the values and rates at both ends (Hermite); 1 where none does. Of one that began at
+    a corner and is now beyond it the next piece is held, and the share is 0.
+    """
+    start, flow, share = scratch(L, D, START), scratch(L, D, FLOW), 1.0
+    for k in range(L[pg.ELEMENTS]):
+        if L[L[pg.ELEMENT_POWER] + k] != PIECEWISE:
+            continue
+        at, end = L[L[pg.FIRST_CORNER] + k], L[L[pg.FIRST_CORNER] + k + 1]
+        segment, a, b = D[D[st.SEGMENTS] + k] - 1, input_of(P, L, S, start, k, 0), input_of(P, L, S, 0, k, 0)
+        for side in range(2):  # the lower end of the piece, and the upper one
+            corner = at + segment - 1 + side
+            if not at <= corner < end:
+                continue
+            sign, knot = (1.0 if side else -1.0), P[L[pg.CORNERS] + corner]
+            near = CORNER * abs(b - a) + ROUNDING * (abs(a) + abs(b) + abs(knot))
+            if sign * (b - knot) <= near:
+                continue
+            multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, start, flow)
+            rate = length * input_of(P, L, S, flow, k, 0)
+            multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, 0, flow)
+            own = _crossing(a - knot, rate, b - knot, length * input_of(P, L, S, flow, k, 0))
+            if sign * (a - knot) >= -near or own * length <= MIN_STEP * P[L[pg.STEP]]:
+                D[D[st.SEGMENTS] + k] += 1 if side else -1
+                return 0.0
+            share = min(share, own)
+    return share
+
+
+@compiled
+def _crossing(a, da, b, db):
+    """Zero of the cubic with values a, b of different sign and slopes da, db at 0 and 1, by bisection and Newton."""
+    low, high, s = 0.0, 1.0, a / (a - b)
+    for _ in range(MAX_BISECTIONS):
+        c, d = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
+        value, slope = a + s * (da + s * (c + s * d)), da + s * (2.0 * c + 3.0 * s * d)
+        if (value < 0.0) == (a < 0.0):
+            low = s
+        else:
+            high = s
+        newton = s - value / slope if slope != 0.0 else low
+        moved = newton if low < newton < high else 0.5 * (low + high)
+        if abs(moved - s) <= 1e-15:
+            return moved
+        s = moved
+    return s
+
+
+@compiled
 def _step_growth(error, tolerance):
     """Factor by which the next step may be longer than one with this error."""
     return 0.9 * (tolerance / max(error, 1e-3 * tolerance)) ** 0.25
@@ -183,20 +267,38 @@ def _step(P, L, S, D, slot, t_stop):
     now, left, tolerance = S[clock], t_stop - S[clock], tolerance_of(S, D)
     step = S[length_at] if S[length_at] > 0.0 else FIRST_STEP * longest
     copy(S, 0, known, rows)
+    to_corner, changed, passes = False, False, 0
     while True:
         step = min(step, left)
         S[length_at + 1] = step
         copy(S, known, start, rows)
         guard, error = _consistent_step(P, L, S, D, slot, step, left)
         if error <= tolerance:
-            break
+            length = S[clock] - now
+            again = passes < MAX_PASSES and length > MIN_STEP * longest
+            share = _until_corner(P, L, S, D, slot, length) if again else 1.0
+            if share >= 1.0:
+                break
+            passes += 1
+            if share == 0.0 and changed:  # it has turned within the step
+                share = 0.5
+            if share == 0.0:
+                changed = True
+                S[clock] = now
+                copy(S, known, 0, rows)
+                outputs(P, L, S, D, 0, now)
+                _begin_outputs(P, L, S, D, slot)
+                copy(S, 0, known, rows)
+                continue
+            S[clock], step, to_corner = now, share * length, True
+            continue
         if step <= MIN_STEP * longest:
             # The motion diverges, or a charge is not single-valued: there is no solution.
             S[0] = np.nan
             return NONE
         S[clock] = now
         step *= min(0.5, max(0.1, _step_growth(error, tolerance))) if error < np.inf else 0.25
-    if (guard == NONE and step < left) or _step_growth(error, tolerance) < 1.0:
+    if (guard == NONE and step < left and not to_corner) or _step_growth(error, tolerance) < 1.0:
         S[length_at] = step * min(2.0, max(0.5, _step_growth(error, tolerance)))
     return guard
 

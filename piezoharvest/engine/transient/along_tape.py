@@ -14,10 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled, entry
+from piezoharvest.engine.motion.element_outputs import NEXT
 from piezoharvest.engine.propagation.trajectory import ACTS, NOTHING, OPENS
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
-from piezoharvest.engine.transient.bending import Bending, add_form, set_changes, set_cubic_changes, slope_along
+from piezoharvest.engine.transient.bending import (
+    Bending,
+    add_form,
+    hold_pieces,
+    release_pieces,
+    set_changes,
+    set_cubic_changes,
+    slope_along,
+)
 from piezoharvest.engine.transient.forcing import Forcing, set_cubics, set_outputs, set_straight
 from piezoharvest.engine.transient.mode_steps import ModeSteps
 
@@ -334,6 +343,7 @@ def _extract(switching, bending, mode, time, after, moving):
         elif moved != 0.0:
             _at_limit(switching, j, 1.0 if after[row] > 0.0 else -1.0, moving)
     if len(bending.power):
+        release_pieces(bending)
         set_changes(bending, mode, time, after, d)
     slope = slope_along(bending, switching.voltage, direction, 0.0, after, time)
     _form(switching.voltage, switching.d_voltage, after, d, moving.change)
@@ -405,6 +415,7 @@ def _bend(steps, forcing, bending, mode, h, begin, end, moving, terms):
     follow those of a record are right to 1e-4 (measured, of the effects and circuits of the tests).
     """
     own, length = len(moving.d), end - begin
+    hold_pieces(bending, mode, moving.z, NEXT * length)
     set_changes(bending, mode, begin, moving.z, moving.d)
     if length <= 0.0:
         return

@@ -14,9 +14,10 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.algebra import back_substitute, eliminate, is_unit
+from piezoharvest.engine.motion.curves import curve_of
 from piezoharvest.engine.sensitivity.dual_modes import dual, nominal
 from piezoharvest.engine.transient.mode_steps import ModeSteps
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
+from piezoharvest.equations.terms import CURVE, PIECEWISE, PRODUCT, TIMED
 
 
 class Bending(NamedTuple):
@@ -36,6 +37,10 @@ class Bending(NamedTuple):
     inputs, d_inputs : (e, 2, a) and (e, 2, a, p) arrays
     rates, d_rates : (m, e, 2, a) and (m, e, 2, a, p) arrays
         Rates of the inputs.
+    corners, first_corner, pieces, d_pieces : (t,), (e + 1,), (t + e, 3) and (t + e, 3, p) arrays
+        Of piecewise elements, as in `Program`.
+    segments : (e,) int array
+        Pieces that are held over a step; -1 where those of the inputs count.
     begin_z, begin_d : (a,) and (n + 4 e, lanes) arrays
         Memory of a step's beginning.
     direction : (a,) array
@@ -51,6 +56,11 @@ class Bending(NamedTuple):
     d_inputs: np.ndarray
     rates: np.ndarray
     d_rates: np.ndarray
+    corners: np.ndarray
+    first_corner: np.ndarray
+    pieces: np.ndarray
+    d_pieces: np.ndarray
+    segments: np.ndarray
     begin_z: np.ndarray
     begin_d: np.ndarray
     direction: np.ndarray
@@ -70,9 +80,12 @@ def bending_of(batch: pg.Program, count: int, steps: ModeSteps, bent: bool, lane
     d_rates = np.einsum("kiap,mab->mkibp", changes, steps.rate) + np.einsum("kia,mabp->mkibp", inputs, steps.d_rate)
     d_rates = np.ascontiguousarray(d_rates)
     e, a = len(power), inputs.shape[-1]
+    pieces = dual(batch.pieces, 2)
+    d_pieces = np.moveaxis(np.broadcast_to(pieces.change, (count, *pieces.change.shape[1:])), 0, -1)
     return Bending(
         n, float(program.drift), power, np.ascontiguousarray(scale), np.ascontiguousarray(inputs),
-        np.ascontiguousarray(changes), rates, d_rates, begin_z=np.zeros(a),
+        np.ascontiguousarray(changes), rates, d_rates, np.real(program.corners), program.first_corner,
+        np.ascontiguousarray(pieces.value), np.ascontiguousarray(d_pieces), np.full(e, -1), begin_z=np.zeros(a),
         begin_d=np.zeros((n + pg.DERIVATIVES * e, lanes)), direction=np.zeros(a),
         work=np.zeros(e * (e + 2 * max(lanes, 1))), order=np.zeros(e, np.int64),
     )  # fmt: skip
@@ -103,15 +116,50 @@ def add_form(factor, row, changes, z, d, out):
 
 
 @compiled
-def _slopes(power, first, second, time):
+def _piece_of(bending, k, first):
+    """Place of the polynomial of a piecewise element: that which is held over a step, or that of an input."""
+    at, segment = bending.first_corner[k], bending.segments[k]
+    if segment < 0:
+        segment = 0
+        while at + segment < bending.first_corner[k + 1] and bending.corners[at + segment] <= first:
+            segment += 1
+    return at + k + segment
+
+
+@compiled
+def hold_pieces(bending, mode, z, ahead):
+    """Hold the pieces of piecewise elements that their inputs go through over the step that begins at a state.
+
+    Those in which they are so many seconds ahead: a step may begin at a corner.
+    """
+    for k in range(len(bending.power)):
+        if bending.power[k] == PIECEWISE:
+            bending.segments[k] = -1
+            first = value_of(bending.inputs[k, 0], z) + ahead * value_of(bending.rates[mode, k, 0], z)
+            bending.segments[k] = _piece_of(bending, k, first) - bending.first_corner[k] - k
+
+
+@compiled
+def release_pieces(bending):
+    """Let piecewise elements follow their inputs from piece to piece."""
+    for k in range(len(bending.power)):
+        bending.segments[k] = -1
+
+
+@compiled
+def _slopes(bending, k, first, second, time):
     """Derivatives of an output by its two inputs, and the second ones: by the first twice, and by both."""
+    power = bending.power[k]
     if power == PRODUCT:
         return second, first, 0.0, 1.0
     if power == TIMED:
         return time, 0.0, 0.0, 0.0
-    if power == HINGE:
-        root = np.sqrt(first * first + 1.0)
-        return 0.5 * (1.0 + first / root), 0.0, 0.5 / root**3, 0.0
+    if power == PIECEWISE:
+        piece = bending.pieces[_piece_of(bending, k, first)]
+        return piece[1] + 2.0 * first * piece[2], 0.0, 2.0 * piece[2], 0.0
+    if power <= CURVE:
+        _, slope, bend = curve_of(CURVE - power, first)
+        return slope, 0.0, bend, 0.0
     return power * first ** (power - 1), 0.0, power * (power - 1) * first ** (power - 2), 0.0
 
 
@@ -119,7 +167,7 @@ def _slopes(power, first, second, time):
 def _by_inputs(bending, k, z, time):
     """Derivatives of an element's output, as `_slopes`, at a state."""
     first, second = value_of(bending.inputs[k, 0], z), value_of(bending.inputs[k, 1], z)
-    return _slopes(bending.power[k], first, second, bending.drift * time)
+    return _slopes(bending, k, first, second, bending.drift * time)
 
 
 @compiled
@@ -190,6 +238,11 @@ def _add_value(bending, k, time, z, d, out):
     add_form(unit * by_first, inputs[0], changes[0], z, d, out)
     if by_second != 0.0:
         add_form(unit * by_second, inputs[1], changes[1], z, d, out)
+    if bending.power[k] == PIECEWISE:
+        first = value_of(inputs[0], z)
+        change = bending.d_pieces[_piece_of(bending, k, first)]
+        for p in range(change.shape[1]):
+            out[p] += unit * (change[0, p] + first * (change[1, p] + first * change[2, p]))
 
 
 @compiled
@@ -202,6 +255,11 @@ def _add_rate(bending, mode, k, time, z, d, out):
     by_value = twice * first_rate + both * second_rate
     if bending.power[k] == TIMED:
         by_value += bending.drift
+    if bending.power[k] == PIECEWISE:
+        first = value_of(inputs[0], z)
+        change = bending.d_pieces[_piece_of(bending, k, first)]
+        for p in range(change.shape[1]):
+            out[p] += unit * first_rate * (change[1, p] + 2.0 * first * change[2, p])
     add_form(unit * by_value, inputs[0], bending.d_inputs[k, 0], z, d, out)
     if by_second != 0.0 or both != 0.0:
         add_form(unit * by_second, rates[1], bending.d_rates[mode, k, 1], z, d, out)

@@ -14,9 +14,10 @@ import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.motion.curves import curve_of
 from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.transient.bending import value_of
-from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
+from piezoharvest.equations.terms import CURVE, PIECEWISE, PRODUCT, TIMED
 
 # Of an element's largest output: error of a cubic in the middle of a step. A derivative then has this error at most,
 # where differences of runs with elements have 3e-5.
@@ -39,6 +40,8 @@ class Forcing(NamedTuple):
     inputs : (e, 2, a) array
     scale : (e, 4) array
         SI values of the units of output and derivatives.
+    corners, first_corner, pieces : (t,), (e + 1,) and (t + e, 3) arrays
+        Of piecewise elements, as in `Program`.
     largest, middle : (e,) array
         Largest outputs so far, SI; those in the middle of a step.
     """
@@ -48,6 +51,9 @@ class Forcing(NamedTuple):
     power: np.ndarray
     inputs: np.ndarray
     scale: np.ndarray
+    corners: np.ndarray
+    first_corner: np.ndarray
+    pieces: np.ndarray
     largest: np.ndarray
     middle: np.ndarray
 
@@ -64,6 +70,8 @@ def moving(batch: pg.Program) -> pg.Program:
     return program._replace(
         **{**changes, "element_z": changes["element_z"][:0]}, exosystem=np.ascontiguousarray(exosystem),
         exo_scale=_without(program.exo_scale, own), element_power=np.zeros(0, np.int64),
+        element_parity=np.zeros(0, np.int64), first_corner=np.zeros(1, np.int64), corners=np.zeros(0),
+        pieces=np.zeros((0, 3)),
         storage=np.ascontiguousarray(program.storage[..., :n, :n]),
     )  # fmt: skip
 
@@ -82,7 +90,7 @@ def forcing_of(batch: pg.Program, starts: np.ndarray, bent: bool) -> Forcing:
     scale = program.exo_scale[: pg.DERIVATIVES * count].reshape(count, pg.DERIVATIVES)
     found = Forcing(
         n, float(program.drift), np.asarray(program.element_power[:count], np.int64), program.element_z[:count], scale,
-        np.zeros(count), np.zeros(count),
+        program.corners, program.first_corner, program.pieces, np.zeros(count), np.zeros(count),
     )  # fmt: skip
     firsts, seconds = np.moveaxis(found.inputs @ starts.T, 1, 0)
     for k, (power, first, second) in enumerate(zip(found.power, firsts, seconds, strict=True)):
@@ -113,9 +121,16 @@ def set_outputs(forcing, A, z, time):
             value, slope = first * second, rate * second + first * other
         elif power == TIMED:
             value, slope = forcing.drift * time * first, forcing.drift * (first + time * rate)
-        elif power == HINGE:
-            root = np.sqrt(first * first + 1.0)
-            value, slope = 0.5 * (first + root), 0.5 * (1.0 + first / root) * rate
+        elif power == PIECEWISE:
+            at = forcing.first_corner[k]
+            piece = at + k
+            while at < forcing.first_corner[k + 1] and forcing.corners[at] <= first:
+                at, piece = at + 1, piece + 1
+            a, b, c = forcing.pieces[piece, 0], forcing.pieces[piece, 1], forcing.pieces[piece, 2]
+            value, slope = a + first * (b + first * c), (b + 2.0 * c * first) * rate
+        elif power <= CURVE:
+            value, by_first, _ = curve_of(CURVE - power, first)
+            slope = by_first * rate
         else:
             slope = first ** (power - 1)
             value, slope = slope * first, power * slope * rate

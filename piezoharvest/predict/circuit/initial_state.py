@@ -11,7 +11,8 @@ from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.sensitivity.dual_modes import Dual, dual
 from piezoharvest.engine.transient.sampled_system import SampledSystem
-from piezoharvest.equations.terms import output_at_start
+from piezoharvest.equations.pieces import Pieces
+from piezoharvest.equations.terms import PIECEWISE, SmoothElement
 from piezoharvest.predict.discrete_model import Setting
 
 ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
@@ -112,10 +113,19 @@ def _set_elements(program: pg.Program, z: np.ndarray) -> None:
         return
     scale = np.real(np.reshape(program.exo_scale, (-1, len(z) - n))[0])
     inputs = np.real(np.reshape(program.element_z, (-1, *program.element_z.shape[-3:]))[0])
+    elements = [_element(program, k) for k in range(len(program.element_power))]
     for _ in range(ITERATIONS):
-        for k, power in enumerate(program.element_power):
-            first, second = inputs[k] @ z
-            z[n + pg.DERIVATIVES * k] = output_at_start(power, first, second) / scale[pg.DERIVATIVES * k]
+        for k, element in enumerate(elements):
+            z[n + pg.DERIVATIVES * k] = element.at_start(*(inputs[k] @ z)) / scale[pg.DERIVATIVES * k]
+
+
+def _element(program: pg.Program, k: int) -> SmoothElement:
+    """The k-th element of a program; its inputs are rows of that."""
+    begin, end = program.first_corner[k : k + 2]
+    pieces = np.reshape(np.real(program.pieces), (-1, *program.pieces.shape[-2:]))[0, begin + k : end + k + 1]
+    corners = np.reshape(program.corners, (-1, program.corners.shape[-1]))[0, begin:end]
+    power, none = int(program.element_power[k]), np.zeros(0)
+    return SmoothElement("", none, none, power, Pieces(corners, pieces) if power == PIECEWISE else None)
 
 
 def _resting_signal(program: pg.Program) -> np.ndarray:

@@ -11,9 +11,10 @@ import math
 import numpy as np
 
 from piezoharvest.engine.compilation.compiled import inlined
+from piezoharvest.engine.motion.curves import curve_of
 
 # As in `record_model`, which depends on files that would count as sources of this.
-STOP, _PRODUCT, _POWER, _HINGE = 0, 1, 2, 4
+STOP, _PRODUCT, _POWER, _HINGE, _CURVE = 0, 1, 2, 4, 5
 
 
 @inlined
@@ -77,6 +78,9 @@ def element_output(kind, limit, before, a, da, b, db, second, h):
         if b <= limit:
             return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         return b - limit, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0
+    if kind >= _CURVE:
+        value, slope, _ = curve_of(kind - _CURVE, b)
+        return value, 0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0
     if b <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, b**limit * math.log(b)

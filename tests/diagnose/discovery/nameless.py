@@ -88,14 +88,24 @@ def nameless_campaign(folder, kind, laws, records, *, rate=1000.0, duration=2.0,
 
     `laws` may be a function of the drive of a record.
     """
+    specimen = {"stack": STACK, "beam": BEAM}[kind]
+
+    def read(drive, load):
+        own = laws(drive) if callable(laws) else laws
+        true = record(specimen, own, drive, load, duration, rate)
+        return {name: true[name] + (own.reading[name](true) if name in own.reading else 0.0) for name in true}
+
+    return campaign_of(folder, kind, read, records, seed=seed, off=off)
+
+
+def campaign_of(folder, kind, reading, records, *, seed=0, off=0.05):
+    """Campaign of what `reading(drive, load)` returns of channels, with noise."""
     specimen, rng, folder = {"stack": STACK, "beam": BEAM}[kind], np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = {name: value * (1.0 + off * rng.uniform(-1, 1)) for name, value in specimen.items()}
     text = ["[transducer]", *(f"{name} = {value!r}" for name, value in nominal.items())]
     for n, (drive, load) in enumerate(records):
-        own = laws(drive) if callable(laws) else laws
-        true = record(specimen, own, drive, load, duration, rate)
-        read = {name: true[name] + (own.reading[name](true) if name in own.reading else 0.0) for name in true}
+        read = reading(drive, load)
         noisy = [read[name] + NOISE[kind][name] * rng.standard_normal(len(read["time_s"])) for name in COLUMNS]
         table = np.column_stack([read["time_s"], *noisy])
         header = ",".join(["time_s", *COLUMNS.values()])

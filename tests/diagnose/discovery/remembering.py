@@ -22,18 +22,22 @@ def spring_with(memory, drive, load, duration, rate):
 
     `memory.states` is their number. From rest; Radau with errors far below those that a test tolerates.
     """
-    m, b, k, T, C = (BEAM[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
+    with_force = lambda t, x, u, v, own: (memory(t, x, u, own)[0], 0.0, memory(t, x, u, own)[1])  # noqa: E731
+    return device_with(with_force, memory.states, drive, load, duration, rate)
+
+
+def device_with(memory, states, drive, load, duration, rate, device=BEAM):
+    """The same with `memory(t, x, u, v, m)` that returns a force beside the spring's, a current, and rates of m."""
+    m, b, k, T, C = (device[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
 
     def slopes(t, y):
         x, u, v, own = y[0], y[1], y[2], y[3:]
-        force, rates = memory(t, x, u, own)
-        return [u, (drive(t) - b * u - k * x - force + T * v) / m, -(v / load + T * u) / C, *rates]
+        force, current, rates = memory(t, x, u, v, own)
+        return [u, (drive(t) - b * u - k * x - force + T * v) / m, -(v / load + current + T * u) / C, *rates]
 
     t = np.arange(round(duration * rate)) / rate
     # A memory may have corners, which a method of high order would step over.
-    run = solve_ivp(
-        slopes, (0, t[-1]), [0.0] * (3 + memory.states), "Radau", t, rtol=1e-8, atol=1e-13, max_step=0.25 / rate
-    )
+    run = solve_ivp(slopes, (0, t[-1]), [0.0] * (3 + states), "Radau", t, rtol=1e-8, atol=1e-13, max_step=0.25 / rate)
     x, _, v = run.y[:3]
     return {"time_s": t, "force": drive(t), "displacement": x, "voltage": v, "current": v / load}
 

@@ -9,15 +9,19 @@ from remembering import searched
 
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners
-from piezoharvest.description.effects.nameless.places import Damper, Electrodes, Load, Reading, Spring
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Play, Relaxation
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Load, Reading, Spring
 from piezoharvest.diagnose.discovery.passivity import price_of_passivity
 
 
-def table(place, kinks, knots=(1.0, -1.0), information=None, visited=(-2.0, 2.0)):
+def table(place, kinks, knots=(1.0, -1.0), information=None, visited=(-2.0, 2.0), memory=None):
     """A fitted table, with the information of its kinks and no prior."""
     inside = np.eye(len(kinks)) * 4.0 if information is None else information
+    form = Corners(knots=knots, kinks=kinks)
     return SimpleNamespace(
-        place=place, form=Corners(knots=knots, kinks=kinks), visited=np.linspace(*visited, 11), own=[0, 1],
+        law=Law(place=place, form=form, memory=memory), place=place, form=form, visited=np.linspace(*visited, 11),
+        tabled=[0, 1],
         normal=(inside, inside @ np.array(kinks)), found=SimpleNamespace(prior=np.zeros((2, 2))),
     )  # fmt: skip
 
@@ -46,6 +50,37 @@ def test_diodes_and_a_loop_may_take_back_what_the_label_says():
     for place, own in ((Diode(reach=2.0), (0.5, 0.0)), (SwitchLoop(reach=2.0), (0.0, 0.25))):
         assert price_of_passivity(table(place, **falling, visited=(0.0, 2.0)), *own) == 0.0
         assert price_of_passivity(table(place, **falling, visited=(0.0, 2.0)), 0.0, 0.0) > 0.9
+
+
+STOP = Play(threshold=2.0)
+
+
+@pytest.mark.parametrize(
+    ("place", "memory", "kinks", "free"),
+    [
+        # A force over what a Maxwell element's spring is behind by is against it.
+        (Spring(), Relaxation(time_constant=1.0, behind=True), (-0.5, 0.5), True),
+        (Spring(), Relaxation(time_constant=1.0, behind=True), (0.5, -0.5), False),
+        # A charge over a lagging voltage rises.
+        (Capacitor(), Relaxation(time_constant=1.0), (0.5, -0.5), True),
+        (Capacitor(), Relaxation(time_constant=1.0), (-0.5, 0.5), False),
+        (Electrodes(), Relaxation(time_constant=1.0), (0.5, -0.5), True),
+        (Electrodes(), Relaxation(time_constant=1.0), (-0.5, 0.5), False),
+        # Of a stop only the ends matter.
+        (Spring(), STOP, (0.5, -0.5), True),
+        (Spring(), STOP, (-0.5, 0.5), False),
+    ],
+)
+def test_a_function_of_a_memory_costs_something_where_it_gives_energy(place, memory, kinks, free):
+    price = price_of_passivity(table(place, kinks, memory=memory), 0.0, 0.0)
+    assert price == 0.0 if free else price == pytest.approx(2.0, rel=1e-6)
+
+
+def test_within_a_stop_a_function_of_it_may_have_any_sign():
+    falling_first = {"kinks": (-0.5, 3.0), "knots": (0.0, 1.0), "visited": (0.0, 2.0)}
+    assert price_of_passivity(table(Spring(), **falling_first, memory=STOP), 0.0, 0.0) == 0.0
+    relaxing = Relaxation(time_constant=1.0)
+    assert price_of_passivity(table(Electrodes(), **falling_first, memory=relaxing), 0.0, 0.0) > 0.1
 
 
 @pytest.mark.slow

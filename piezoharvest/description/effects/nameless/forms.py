@@ -16,9 +16,6 @@ from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
 PIECES, REACH = 16, 2.0  # of a broken line that stands for a power, up to twice the input of reference
-ROUNDED = (
-    1e-2  # of a knot: range over which the engine rounds off a corner, which moves the curve by a part in 1e4 beyond it
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,11 +82,6 @@ def outward(knots: Any) -> np.ndarray:
     return np.where(np.signbit(np.real(np.asarray(knots))), -1.0, 1.0)
 
 
-def nominal_size(value: Any) -> float:
-    """Size of a number, which may be a batch of complex steps from it."""
-    return max(abs(float(np.asarray(value, complex).ravel()[0].real)), 1e-30)
-
-
 def numbers_of(values: np.ndarray) -> list[Any]:
     """The last axis of an array as a list: of numbers, or of columns where there is a batch."""
     return list(values) if values.ndim == 1 else list(np.moveaxis(values, -1, 0)[..., None])
@@ -131,14 +123,7 @@ class Bends(Form):
         )
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        total = 0.0 * x
-        for knot, side, kink in zip(self.knots, outward(self.knots), self.kinks, strict=True):
-            above = specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
-            if np.any(np.isnan(above)):  # the engine has whole powers of rows, not of their positive parts
-                width = ROUNDED * max(float(np.max(np.abs(self.knots))), 1e-30)
-                above = specimen.power(specimen.hinge(side * x, side * knot, width), 2)
-            total = total + 0.5 * kink * above
-        return total
+        return specimen.hinges(x, list(zip(outward(self.knots), self.knots, self.kinks, strict=True)), 2)
 
     def slope(self, specimen: EquationBuilder, x: Row) -> Row:
         signed = tuple(side * kink for side, kink in zip(outward(self.knots), self.kinks, strict=True))
@@ -147,11 +132,7 @@ class Bends(Form):
 
 def broken_line(specimen: EquationBuilder, x: Row, knots: tuple[float, ...], kinks: tuple[Any, ...]) -> Row:
     """Row of a broken line with corners that face away from zero."""
-    width = ROUNDED * max(float(np.max(np.abs(knots))), 1e-30)
-    total = 0.0 * x
-    for knot, side, kink in zip(knots, outward(knots), kinks, strict=True):
-        total = total + kink * specimen.hinge(side * x, side * knot, width)
-    return total
+    return specimen.hinges(x, list(zip(outward(knots), knots, kinks, strict=True)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,9 +186,7 @@ class Knee(Form):
         return sum(parts, np.zeros(len(x)))
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        width = ROUNDED * nominal_size(self.knee)
-        parts = (s * self.factor * specimen.hinge(s * x, knee, width) for s, knee in self._corners)
-        return sum(parts, 0.0 * x)
+        return specimen.hinges(x, [(s, s * knee, s * self.factor) for s, knee in self._corners])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,9 +208,8 @@ class DeadZone(Form):
         return self.factor * np.where(np.abs(x) < np.real(self.zone), x, np.sign(x) * self.zone)
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        width = ROUNDED * nominal_size(self.zone)
-        beyond = specimen.hinge(x, self.zone, width) - specimen.hinge(-1.0 * x, self.zone, width)
-        return self.factor * (x - beyond)
+        beyond = [(1.0, self.zone, -self.factor), (-1.0, -self.zone, self.factor)]
+        return self.factor * x + specimen.hinges(x, beyond)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,7 +243,7 @@ class Power(Form):
     def _powers(self, specimen: EquationBuilder, x: Row, exponent: Any, *, odd: bool) -> Row:
         size = (1.0 / self.scale) * x
         halves = {side: specimen.power(side * size, exponent, positive=True) for side in self._sides}
-        if any(np.any(np.isnan(half)) for half in halves.values()):  # the engine has whole powers only
+        if any(np.any(np.isnan(half)) for half in halves.values()):  # the engine has whole powers of rows only
             return self._broken(specimen, size, exponent, odd=odd)
         return sum(((side if odd else 1.0) * half for side, half in halves.items()), 0.0 * x)
 

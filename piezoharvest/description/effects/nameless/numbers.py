@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+from piezoharvest.description.effects.nameless.curves import CURVES
 
 
 class Numbers:
@@ -22,6 +25,13 @@ class Numbers:
             return row**exponent
         return np.where(np.real(row) > 0, np.where(np.real(row) > 0, row, 1.0) ** exponent, 0.0)
 
-    def hinge(self, row: Any, knot: Any, width: float) -> Any:
-        """Excess of an array over a knot, zero below it: exact, so that its width is not used."""
-        return np.where(np.real(row) > np.real(knot), row - knot, 0.0)
+    def hinges(self, row: Any, corners: Sequence[tuple[float, Any, Any]], order: int = 1) -> Any:
+        """Sum of c max(s (x - k), 0)^order / order over corners (s, k, c)."""
+        beyond = ((kink, side * (row - knot)) for side, knot, kink in corners)
+        return sum(
+            (kink / order * np.where(np.real(each) > 0.0, each, 0.0) ** order for kink, each in beyond), 0.0 * row
+        )
+
+    def curve(self, name: str, row: Any) -> Any:
+        """A curve by its name."""
+        return CURVES[name](row)

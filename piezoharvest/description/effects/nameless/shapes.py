@@ -1,75 +1,28 @@
-"""Smooth curves with a scale of the input, realised as broken lines so fine that the difference does not show."""
+"""Smooth curves with a scale of the input."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.effects.nameless.forms import Array, Form, broken_line, numbers_of, outward
+from piezoharvest.description.effects.nameless.curves import CURVES
+from piezoharvest.description.effects.nameless.forms import Array, Form
 from piezoharvest.description.parameters import check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
-_SERIES = 1e-2  # argument below which the Langevin function is its series: both are exact to 1e-10 there
-
-
-def langevin(z: np.ndarray) -> np.ndarray:
-    """Coth z - 1/z: polarisation of free dipoles (Langevin, Ann. Chim. Phys. 5, 70-127, 1905)."""
-    small: Array = np.abs(np.real(z)) < _SERIES
-    safe = np.where(small, 1.0, z)
-    return np.where(small, z / 3.0 - z**3 / 45.0, 1.0 / np.tanh(safe) - 1.0 / safe)
-
-
-def _logarithm(z: np.ndarray) -> np.ndarray:
-    """Sign(z) log(1 + |z|): creep (Ge & Jouaneh, Precis. Eng. 17(3), 211-221, 1995)."""
-    side: Array = np.sign(np.real(z))
-    return side * np.log(1.0 + side * z)
-
-
-CURVES: dict[str, Callable[[Array], Array]] = {
-    "exponential": lambda z: np.exp(z) - 1.0,
-    "sinh": np.sinh,
-    "tanh": np.tanh,
-    "langevin": langevin,
-    "log": _logarithm,
-}
-SATURATING = ("tanh", "langevin", "log")  # most bent near zero
+SCALED = ("exponential", "sinh", "tanh", "langevin", "log")  # curves that a law may be by themselves
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve(Form):
-    """A smooth curve with corners `knots` of the broken line that stands for it in equations."""
+    """A smooth curve."""
 
     strengths: ClassVar[tuple[str, ...]] = ("factor",)
 
-    knots: tuple[float, ...]
-
-    def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        return broken_line(specimen, x, self.knots, self._kinks())
-
-    def _kinks(self) -> tuple[Any, ...]:
-        """Changes of slope at the knots, outward from zero, of the line through the curve at the knots."""
-        knots = np.array(self.knots)
-        kinks: list[Any] = [0.0] * len(self.knots)
-        for side in (1.0, -1.0):
-            mine = np.flatnonzero(outward(knots) == side)
-            mine = mine[np.argsort(np.abs(knots[mine]))]
-            if len(mine) < 2:
-                continue
-            values = self.values(knots[mine])
-            slopes = np.diff(values) / np.diff(np.abs(knots[mine]))
-            changes: np.ndarray = np.diff(slopes, prepend=0.0)
-            for k, kink in zip(mine.tolist(), numbers_of(changes), strict=False):
-                kinks[k] = kink if _has_step(kink) else kink.real
-        return tuple(kinks)
-
-
-def _has_step(value: Any) -> bool:
-    """True if a number, or one of a batch, has a complex step."""
-    return bool(np.count_nonzero(value.imag))
+    knots: tuple[float, ...] = (0.0,)  # without meaning: files of laws from before 2026-12 have them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +38,7 @@ class Shape(Curve):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_choice("curve", self.curve, tuple(CURVES))
+        check_choice("curve", self.curve, SCALED)
 
     @property
     def word(self) -> str:
@@ -95,6 +48,11 @@ class Shape(Curve):
     def values(self, x: np.ndarray) -> Array:
         z = np.asarray(x) / self.scale
         return self.factor * (CURVES[self.curve](z) - (z if self.bent else 0.0))
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        z = (1.0 / self.scale) * x
+        found = self.factor * specimen.curve(self.curve, z)
+        return found - self.factor * z if self.bent else found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +72,9 @@ class Shockley(Curve):
         x = np.asarray(x)
         return self.factor * np.log(1.0 + x / self.scale) + self.resistance * x
 
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * specimen.curve("log", (1.0 / self.scale) * x) + self.resistance * x
+
 
 @dataclass(frozen=True, kw_only=True)
 class Coulomb(Curve):
@@ -128,8 +89,10 @@ class Coulomb(Curve):
     width: float  # fixed: far below what the records move at
 
     def values(self, x: np.ndarray) -> Array:
-        x = np.asarray(x)
-        return self.factor * x / np.sqrt(x**2 + self.width**2)
+        return self.factor * CURVES["coulomb"](np.asarray(x) / self.width)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * specimen.curve("coulomb", (1.0 / self.width) * x)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,4 +105,8 @@ class Stribeck(Coulomb):
     speed: float = quantity("", "input s at which the excess has fallen to 1/e, in its unit", above=0)
 
     def values(self, x: np.ndarray) -> Array:
-        return super().values(x) * (1.0 + self.excess * np.exp(-((np.asarray(x) / self.speed) ** 2)))
+        return super().values(x) * (1.0 + self.excess * CURVES["gauss"](np.asarray(x) / self.speed))
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        sign, near = specimen.curve("coulomb", (1.0 / self.width) * x), specimen.curve("gauss", (1.0 / self.speed) * x)
+        return self.factor * (sign + self.excess * specimen.product(near, sign))

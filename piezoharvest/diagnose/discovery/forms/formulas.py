@@ -8,9 +8,8 @@ springs, contacts, diodes and friction.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,11 +29,10 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
     outward,
 )
-from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Shockley, Stribeck
+from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, Stribeck
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.knots import PIECES, fine_knots
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
@@ -47,11 +45,6 @@ SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED, REFITTED_BEYOND_TABLE = 3, 6
 TABLE_IS_COARSE = 1.5  # mean square of whitened residuals with the table, beyond what noise scatters by
 FARTHER = 4.0  # times as far from the table as the closest: a formula that is not fitted where a step is slow
-PIECES_OF_ENGINE = 14  # of a curve where a step of the engine costs by their square: off by a hundredth of it
-POWER_OF_ENGINE = {
-    "pieces": 8,
-    "reach": 1.1,
-}  # there, of a power: off by a hundredth, and straight beyond what was visited
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
@@ -73,11 +66,11 @@ Made = Callable[[np.ndarray], Form]
 Start = tuple[Made, np.ndarray]
 
 
-def candidates(table: LawFit, pieces: int = PIECES) -> list[FittedFormula]:
-    """Formulas for a table, the best first; each from several starts. Curves are broken lines of some pieces."""
+def candidates(table: LawFit) -> list[FittedFormula]:
+    """Formulas for a table, the best first; each from several starts."""
     loss = _Loss(table)
     found: list[FittedFormula] = []
-    for starts in _families(table, pieces):
+    for starts in _families(table):
         tried = [loss.closest(make, start) for make, start in starts]
         done = [each for each in tried if each is not None]
         found += [min(done, key=lambda each: each.criterion)] if done else []
@@ -86,10 +79,10 @@ def candidates(table: LawFit, pieces: int = PIECES) -> list[FittedFormula]:
 
 def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
-    tried, pieces = [table], PIECES_OF_ENGINE if problem.needs_engine else PIECES
+    tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
     most = REFITTED_BEYOND_TABLE if coarse else REFITTED
-    every = candidates(table, pieces) if isinstance(table.form, TABLES) else []
+    every = candidates(table) if isinstance(table.form, TABLES) else []
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
     for each in some:
         own = isinstance(each.form, Shockley)  # of a diode, whose table is too coarse near no current to tell
@@ -198,7 +191,7 @@ class _Loss:
         return FittedFormula(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
 
 
-def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
+def _families(table: LawFit) -> Iterator[list[Start]]:
     """Families of formulas, each with its starts."""
     place, bent = table.place, table.law.bent
     low, high = float(table.visited.min()), float(table.visited.max())
@@ -207,7 +200,7 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     if not bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
-    yield from _powers(size, sides, POWER_OF_ENGINE if pieces < PIECES else {})
+    yield from _powers(size, sides)
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
     for sides_of in (2, *sides) if len(sides) == 2 else sides:
@@ -219,10 +212,10 @@ def _families(table: LawFit, pieces: int) -> Iterator[list[Start]]:
     if not bent:  # else it is a knee beside the model's straight line
         zones = size * np.linspace(0.04, 0.96, KNEES)
         yield [(lambda z: DeadZone(factor=z[0], zone=z[1]), np.array([zone])) for zone in zones]
-    yield from _curves(table, size, pieces)
+    yield from _curves(table, size)
 
 
-def _powers(size: float, sides: list[int], coarse: Mapping[str, Any]) -> Iterator[list[Start]]:
+def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
     """Powers and polynomials, all of which have a slope."""
     for exponent in WHOLE_EXPONENTS:
         yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
@@ -231,31 +224,30 @@ def _powers(size: float, sides: list[int], coarse: Mapping[str, Any]) -> Iterato
         yield [(make, np.array([ratio])) for ratio in (-1.0, -0.1, 0.1, 1.0)]
     # Of an input that has one sign all of these are the same function.
     for odd in (True, False) if len(sides) == 2 else (False,):
-        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd, **coarse)  # noqa: E731
+        make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
     for side in sides:
-        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s, **coarse)  # noqa: E731
+        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s)  # noqa: E731
         if len(sides) == 2:
             yield [(make, np.array([n])) for n in EXPONENTS]
         for exponent in HERTZ:
             make = lambda z, n=exponent, s=side: Hertz(  # noqa: E731
-                factor=z[0], exponent=n, scale=size, odd=False, side=s, **coarse
+                factor=z[0], exponent=n, scale=size, odd=False, side=s
             )
             yield [(make, np.zeros(0))]
 
 
-def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
+def _curves(table: LawFit, size: float) -> Iterator[list[Start]]:
     """Curves with a scale, which equations have as broken lines."""
-    place, even, dense = table.place, *(fine_knots(table.visited, pieces, dense=each) for each in (False, True))
-    for curve in CURVES:
-        knots = dense if curve in SATURATING else even
+    place = table.place
+    for curve in SCALED:
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
         shares = (*SCALES, *SATURATION_CURRENTS) if place.in_circuit and curve == "log" else SCALES
         # Of the scale the logarithm is varied: a saturation current may be off by decades.
         yield [
             (
-                lambda z, c=curve, k=knots, s=sign: Shape(
-                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=table.law.bent, knots=k
+                lambda z, c=curve, s=sign: Shape(
+                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=table.law.bent
                 ),
                 np.array([np.log(share)]),
             )
@@ -264,11 +256,11 @@ def _curves(table: LawFit, size: float, pieces: int) -> Iterator[list[Start]]:
         ]
     if isinstance(place, Diode):
         make = lambda z: Shockley(  # noqa: E731
-            factor=z[0], scale=size * np.exp(z[1]), resistance=z[0] * z[2] / size, knots=dense
+            factor=z[0], scale=size * np.exp(z[1]), resistance=z[0] * z[2] / size
         )
         yield [(make, np.array([np.log(share), 0.1])) for share in SATURATION_CURRENTS]
     if place.input in ("velocity", "displacement_rate"):
         width = WIDTH * size
-        yield [(lambda z: Coulomb(factor=z[0], width=width, knots=dense), np.zeros(0))]
-        make = lambda z: Stribeck(factor=z[0], excess=z[1], speed=z[2], width=width, knots=dense)  # noqa: E731
+        yield [(lambda z: Coulomb(factor=z[0], width=width), np.zeros(0))]
+        make = lambda z: Stribeck(factor=z[0], excess=z[1], speed=z[2], width=width)  # noqa: E731
         yield [(make, np.array([excess, share * size])) for excess in (0.5, 2.0) for share in (0.05, 0.15, 0.4)]

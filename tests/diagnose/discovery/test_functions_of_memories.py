@@ -1,0 +1,141 @@
+"""Functions of what a memory makes of an input: as SciPy integrates them, closing their energy, and found as such."""
+
+import numpy as np
+import pytest
+from nameless import BEAM, Drive, campaign_of
+from remembering import device_with, searched
+
+from piezoharvest import Resistor, SineForce, System, Transducer, simulate
+from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Play, Relaxation
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Spring
+from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.diagnose.discovery.effect_file import save_effect
+from piezoharvest.diagnose.discovery.result import as_json, discovery
+from piezoharvest.effect_files import load_effects
+from piezoharvest.predict.discrete_model import setting_of
+from piezoharvest.predict.prediction import Prediction
+
+LOAD, SAMPLES = 1e5, 8000.0
+LAG, AHEAD = Relaxation(time_constant=3e-3), Relaxation(time_constant=3e-3, behind=True)
+
+
+def tanh(factor, scale):
+    return Shape(factor=factor, scale=scale, curve="tanh", bent=False)
+
+
+LAWS = [
+    Law(place=Spring(), form=tanh(-0.004, 5e-5), memory=AHEAD),
+    Law(place=Spring(), form=DeadZone(factor=-60.0, zone=1e-4), memory=AHEAD),
+    Law(place=Spring(), form=Line(factor=-60.0), memory=AHEAD),
+    Law(place=Spring(), form=Monomial(factor=0.002, scale=3e-5, exponent=3), memory=Play(threshold=3e-5)),
+    Law(place=Damper(), form=tanh(0.002, 0.01), memory=LAG),
+    Law(place=Capacitor(), form=tanh(1e-8, 1.0), memory=LAG),
+    Law(place=Electrodes(), form=Knee(factor=1e-5, knee=1.0), memory=LAG),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_the_energy_of_a_function_of_a_memory_closes_and_it_takes_some(law):
+    system = System(Transducer(**BEAM, effects=(law,)), Resistor(resistance=LOAD))
+    run = simulate(system, SineForce(amplitude=0.02, frequency=50.0))
+    assert run.converged
+    assert abs(run.energy["closure"]) < 1e-9
+    assert run.energy[law.name] > 1e-3 * run.energy["mechanical_in"]
+
+
+def saturating_maxwell(force, scale, time_constant):
+    """A spring that saturates, in series with a damper whose rate is linear."""
+    return lambda t, x, u, v, own: (force * np.tanh((x - own[0]) / scale), 0.0, [(x - own[0]) / time_constant])
+
+
+def saturating_polarisation(charge, scale, time_constant):
+    """A charge that follows a lagging voltage and saturates: its current is its rate."""
+
+    def memory(t, x, u, v, own):
+        rate = (v - own[0]) / time_constant
+        return 0.0, charge / scale / np.cosh(own[0] / scale) ** 2 * rate, [rate]
+
+    return memory
+
+
+TRUE = {
+    "spring": (saturating_maxwell(0.004, 5e-5, 3e-3), Law(place=Spring(), form=tanh(-0.004, 5e-5), memory=AHEAD)),
+    "capacitor": (
+        saturating_polarisation(2e-8, 1.5, 3e-3), Law(place=Capacitor(), form=tanh(2e-8, 1.5), memory=LAG),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_a_function_of_a_memory_moves_as_an_independent_integration(name):
+    memory, law = TRUE[name]
+    drive = Drive((0.02, 0.01), (48.0, 53.0))
+    true = device_with(memory, 1, drive, LOAD, 0.06, SAMPLES)
+    setting = setting_of("force", Resistor(resistance=LOAD), 1.0 / SAMPLES, true["force"])
+    for effects, closest in (((law,), True), ((), False)):
+        run = Prediction(Transducer(**BEAM, effects=effects), setting, relaxed=True)
+        (block,) = run.blocks(False, channels=["displacement", "voltage"])
+        for channel, values in zip(("displacement", "voltage"), block.values.T, strict=True):
+            error = np.abs(values - true[channel]).max() / np.ptp(true[channel])
+            assert error < 1e-3 if closest else error > 0.01, channel
+
+
+def searched_in(folder, memory, records):
+    read = lambda drive, load: device_with(memory, 1, drive, load, 0.5, 2000.0)  # noqa: E731
+    return searched(campaign_of(folder, "beam", read, records))
+
+
+RECORDS = [
+    (Drive((0.02, 0.01), (48.0, 33.0)), 1e5), (Drive((0.005, 0.03), (52.0, 21.0)), 5e5),
+    (Drive((0.012,), (50.0,)), 2e4), (Drive((0.015, 0.02), (47.0, 27.0)), 1e5),
+]  # fmt: skip
+
+
+def test_a_saturating_maxwell_element_is_found_with_its_formula(tmp_path):
+    found = searched_in(tmp_path, TRUE["spring"][0], RECORDS)
+    law = found.best.law
+    assert (law.place.name, law.form.word) == ("spring", "tanh")
+    assert law.form.factor == pytest.approx(-0.004, rel=0.02)
+    assert law.form.scale == pytest.approx(5e-5, rel=0.02)
+    assert law.memory.time_constant == pytest.approx(3e-3, rel=0.02)
+    assert not found.close
+    table = as_json(discovery(found.best, 1.0, 0.0, (), found.forms))
+    assert table["memory"]["kind"] == "lag" and "tanh" in table["formula"] and "lag(x" in table["formula"]
+
+
+def test_a_polarisation_that_lags_and_saturates_is_found_and_becomes_an_effect(tmp_path):
+    found = searched_in(tmp_path, TRUE["capacitor"][0], RECORDS)
+    law = found.best.law
+    assert (law.place.name, law.form.word, law.memory.kind) == ("capacitor", "tanh", "relaxation")
+    assert law.form.factor == pytest.approx(2e-8, rel=0.03)
+    assert law.memory.time_constant == pytest.approx(3e-3, rel=0.03)
+    save_effect(discovery(found.best, 1.0, 0.0, ()), "campaign.toml", tmp_path / "law.py")
+    (kind,) = load_effects(tmp_path / "law.py")
+    again = Transducer(**BEAM, effects=(kind(),))
+    results = [
+        simulate(System(device, Resistor(resistance=LOAD)), SineForce(amplitude=0.02, frequency=50.0)).power
+        for device in (again, Transducer(**BEAM, effects=(law,)), Transducer(**BEAM))
+    ]
+    assert results[0] == pytest.approx(results[1], rel=1e-6)
+    assert abs(results[2] / results[1] - 1.0) > 0.01
+
+
+def test_a_force_that_lags_behind_by_play_gives_energy_and_is_no_law_of_the_spring(tmp_path):
+    """Lost motion before a spring that does not fall back with it: over a period it gives energy to the beam."""
+
+    def memory(t, x, u, v, own):
+        gap, half = x - own[0], 4e-5
+        moves = abs(gap) >= half and gap * u > 0.0
+        return 40.0 * (x - np.clip(gap, -half, half)), 0.0, [u if moves else 0.0]
+
+    found = searched_in(tmp_path, memory, RECORDS)
+    if found is not None and found.best.place.name == "spring" and isinstance(found.best.law.memory, Play):
+        assert np.real(found.best.form.values(np.array([found.best.law.memory.threshold])))[0] > 0.0
+
+
+def test_a_table_of_a_memory_has_its_memory_as_values():
+    form = Corners(knots=(0.0, -0.0), kinks=(1.0, -1.0))
+    assert Law(place=Spring(), form=form, memory=AHEAD).bends_memory
+    assert not Law(place=Spring(), form=form, memory=AHEAD).bent
