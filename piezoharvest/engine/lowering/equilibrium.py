@@ -71,17 +71,23 @@ def _element_outputs(elements: list[SmoothElement], design: int, inputs: np.ndar
         pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
         return np.array([element.at_start(first, second, design) for element, (first, second) in pairs])
 
+    def nominally(w: np.ndarray) -> np.ndarray:
+        return np.real(outputs(w, *nominal))
+
     count, nominal = len(elements), (np.real(inputs), np.real(at_rest))
-    size = np.abs(outputs(np.zeros(count), *nominal))
+    size = np.abs(nominally(np.zeros(count)))
     # From where the outputs do not act on each other; away from there another equilibrium may be nearer.
     begin = np.where(size == 0.0, 0.0, 1.0)
     size[size == 0.0] = 1.0
-    solved = root(lambda w: outputs(w * size, *nominal) / size - w, begin, tol=1e-13)
+    solved = root(lambda w: nominally(w * size) / size - w, begin, tol=1e-13)
     if not np.max(np.abs(solved.fun)) < 1e-9:
         raise ParameterError("excitation.offset", "there is no equilibrium under this preload, use a smaller one")
     found = solved.x * size
     step = np.imag(outputs(found, inputs, at_rest))
     if not np.any(step):
         return found
-    slopes = [np.imag(outputs(found + 1j * COMPLEX_STEP * unit, *nominal)) / COMPLEX_STEP for unit in np.eye(count)]
+    own = np.imag(outputs(found, *nominal))  # of what elements are made of
+    slopes = [
+        (np.imag(outputs(found + 1j * COMPLEX_STEP * unit, *nominal)) - own) / COMPLEX_STEP for unit in np.eye(count)
+    ]
     return found + 1j * np.linalg.solve(np.eye(count) - np.transpose(slopes), step)

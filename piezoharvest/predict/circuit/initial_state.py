@@ -123,7 +123,7 @@ def _element(program: pg.Program, k: int) -> SmoothElement:
     """The k-th element of a program; its inputs are rows of that."""
     begin, end = program.first_corner[k : k + 2]
     pieces = np.reshape(np.real(program.pieces), (-1, *program.pieces.shape[-2:]))[0, begin + k : end + k + 1]
-    corners = np.reshape(program.corners, (-1, program.corners.shape[-1]))[0, begin:end]
+    corners = program.corners[begin:end]
     power, none = int(program.element_power[k]), np.zeros(0)
     return SmoothElement("", none, none, power, Pieces(corners, pieces) if power == PIECEWISE else None)
 

@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
-from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, Memory, Play
+from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Delay, Memory, Play
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
@@ -101,18 +101,26 @@ class Law(Effect):
         return self.place.in_circuit
 
     def stores(self, terms: EnergyRows) -> Sequence[Product]:
+        port, factor = self.place.port, self.form.proportional
+        if self.memory is None and port in (RATE, CHARGE) and np.any(factor):
+            x, _ = self.place.rows(terms)
+            return [Product(0.5 * factor, x, x)]
         if self.memory is None:
             return self.place.stores(terms, self.form)
-        if not self.place.port:
+        if not port:
             return ()
-        return self.memory.stores(self.place.port, self.form.proportional, terms, self.place.rows(terms)[0])
+        return self.memory.stores(port, factor, terms, self.place.rows(terms)[0])
 
     def losses(self, terms: EnergyRows) -> Sequence[Product]:
+        port, factor = self.place.port, self.form.proportional
+        if self.memory is None and port == DIRECT and np.any(factor):
+            x, _ = self.place.rows(terms)
+            return [Product(factor, x, x)]
         if self.memory is None:
             return self.place.losses(terms, self.form)
-        if not self.place.port:
+        if not port:
             return ()
-        return self.memory.losses(self.place.port, self.form.proportional, terms, self.place.rows(terms)[1])
+        return self.memory.losses(port, factor, terms, self.place.rows(terms)[1])
 
     def late(self, channel: str) -> float:
         mine = isinstance(self.place, Reading) and self.place.channel == channel

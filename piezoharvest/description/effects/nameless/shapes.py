@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class Shape(Curve):
     def values(self, x: np.ndarray) -> Array:
         z = np.asarray(x) / self.scale
         return self.factor * (CURVES[self.curve](z) - (z if self.bent else 0.0))
+
+    @property
+    def proportional(self) -> Any:
+        return -self.factor / self.scale if self.bent else 0.0
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         z = (1.0 / self.scale) * x
