@@ -45,6 +45,9 @@ MAX_ITERATIONS = 8  # iterations for cubic and motion to agree; a step in which 
 CORNER = 1e-10  # of the way of an input over a step: so close to a corner it is there
 ROUNDING = 1e-15  # of an input and its corner: what a few sums of them are wrong by
 MAX_BISECTIONS = 60
+# Difference of the second derivatives of an input and of its cubic, of its values: the cubic is off by a thirtieth of
+# it, and by so much an input may pass a corner and come back unseen.
+COARSE = 1e-3
 MAX_PASSES = 6  # to end a step at a corner: the second one meets it to rounding, others are for inputs that turn there
 MIN_STEP = 1e-9  # of a longest step: if a shorter one were needed, the outputs have no solution
 DIFFERENCE = 1e-7  # of the state: size of a finite difference
@@ -206,28 +209,32 @@ def _consistent_step(P, L, S, D, slot, step, left):
 def _until_corner(P, L, S, D, slot, length):
     """Share of the step from START to the present state after which an input first leaves the piece that is held.
 
-    By the cubic of the input with the values and rates at both ends (Hermite); 1 where none does. Of one that began at
-    a corner and is now beyond it the next piece is held, and the share is 0.
+    By the cubic of the input with the values and rates at both ends (Hermite); 1 where none does, and a half where the
+    cubic is too coarse to tell. Of an input that began at a corner and is now beyond it the next piece is held, and the
+    share is 0.
     """
-    start, flow, share = scratch(L, D, START), scratch(L, D, FLOW), 1.0
+    start, share = scratch(L, D, START), 1.0
     for k in range(L[pg.ELEMENTS]):
-        if L[L[pg.ELEMENT_POWER] + k] != PIECEWISE:
-            continue
         at, end = L[L[pg.FIRST_CORNER] + k], L[L[pg.FIRST_CORNER] + k + 1]
-        segment, a, b = D[D[st.SEGMENTS] + k] - 1, input_of(P, L, S, start, k, 0), input_of(P, L, S, 0, k, 0)
+        if at == end:
+            continue
+        a, da, bend = _course(P, L, S, D, slot, start, k, length)
+        b, db, turn = _course(P, L, S, D, slot, 0, k, length)
+        coarse = max(abs(6.0 * (b - a) - 4.0 * da - 2.0 * db - bend), abs(6.0 * (a - b) + 2.0 * da + 4.0 * db - turn))
+        way = abs(a) + abs(b) + abs(b - a)
+        if coarse > COARSE * way:
+            return 0.5
+        segment = D[D[st.SEGMENTS] + k] - 1
         for side in range(2):  # the lower end of the piece, and the upper one
             corner = at + segment - 1 + side
             if not at <= corner < end:
                 continue
             sign, knot = (1.0 if side else -1.0), P[L[pg.CORNERS] + corner]
-            near = CORNER * abs(b - a) + ROUNDING * (abs(a) + abs(b) + abs(knot))
-            if sign * (b - knot) <= near:
+            near = CORNER * abs(b - a) + ROUNDING * (way + abs(knot))
+            own = _crossing(sign * (a - knot), sign * da, sign * (b - knot), sign * db, near)
+            if own >= 1.0:
                 continue
-            multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, start, flow)
-            rate = length * input_of(P, L, S, flow, k, 0)
-            multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, 0, flow)
-            own = _crossing(a - knot, rate, b - knot, length * input_of(P, L, S, flow, k, 0))
-            if sign * (a - knot) >= -near or own * length <= MIN_STEP * P[L[pg.STEP]]:
+            if own * length <= MIN_STEP * P[L[pg.STEP]]:
                 D[D[st.SEGMENTS] + k] += 1 if side else -1
                 return 0.0
             share = min(share, own)
@@ -235,13 +242,32 @@ def _until_corner(P, L, S, D, slot, length):
 
 
 @compiled
-def _crossing(a, da, b, db):
-    """Zero of the cubic with values a, b of different sign and slopes da, db at 0 and 1, by bisection and Newton."""
-    low, high, s = 0.0, 1.0, a / (a - b)
+def _course(P, L, S, D, slot, z, k, length):
+    """Input of an element at a state, and its first and second derivatives, of time in units of a step."""
+    first, second, matrix = scratch(L, D, FLOW), scratch(L, D, END), block_of(L, slot) + L[tb.MATRIX]
+    multiply(P, matrix, L[pg.ROWS], L[pg.COLUMNS], S, z, first)
+    multiply(P, matrix, L[pg.ROWS], L[pg.COLUMNS], S, first, second)
+    rate, bend = input_of(P, L, S, first, k, 0), input_of(P, L, S, second, k, 0)
+    return input_of(P, L, S, z, k, 0), length * rate, length * length * bend
+
+
+@compiled
+def _crossing(a, da, b, db, near):
+    """Where the cubic with values a <= 0 and b, and slopes da and db at 0 and 1, first rises beyond `near`; else 1."""
+    c, d, high = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db, 1.0
+    root = c * c - 3.0 * d * da
+    if root > 0.0:  # a largest value inside
+        top = -da / (c - np.sqrt(root)) if c < 0.0 else (-c - np.sqrt(root)) / (3.0 * d) if d != 0.0 else 1.0
+        if 0.0 < top < 1.0 and a + top * (da + top * (c + top * d)) > near:
+            high = top
+    if high == 1.0 and b <= near:
+        return 1.0
+    if a >= -near:
+        return 0.0
+    low, s = 0.0, high * min(max(a / (a - max(b, near)), 0.0), 1.0)
     for _ in range(MAX_BISECTIONS):
-        c, d = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
         value, slope = a + s * (da + s * (c + s * d)), da + s * (2.0 * c + 3.0 * s * d)
-        if (value < 0.0) == (a < 0.0):
+        if value < 0.0:
             low = s
         else:
             high = s
