@@ -10,7 +10,8 @@ from piezoharvest.description.effects.nameless.places import Coupling, Spring
 from piezoharvest.engine.lowering.element_scales import influences
 from piezoharvest.engine.lowering.lower import IDLE_SCALE, lower
 from piezoharvest.engine.memory.program import DERIVATIVES
-from piezoharvest.equations.terms import HINGE, PRODUCT
+from piezoharvest.equations.pieces import broken_line
+from piezoharvest.equations.terms import PIECEWISE, PRODUCT, SmoothElement
 
 BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
 SINE = SineForce(amplitude=0.1, frequency=50.0)
@@ -49,9 +50,12 @@ def test_an_element_that_acts_through_another_has_a_scale(place, form):
 
 def test_an_influence_is_a_derivative_through_the_elements_behind():
     """The square s of an input a hinge h, and their product p, which alone acts on the motion with the force 5 p."""
-    powers, direct = (2, HINGE, PRODUCT), np.array([0.0, 0.0, 5.0])
+    none, hinge = np.zeros(0), broken_line([(1.0, 0.2, 1.0)])
+    kinds = ((2, None), (PIECEWISE, hinge), (PRODUCT, None))
+    elements = [SmoothElement("", none, none, power, pieces) for power, pieces in kinds]
+    direct = np.array([0.0, 0.0, 5.0])
     own = np.array([[3.0, 0.0], [0.5, 0.0], [0.0, 0.0]])
     of_outputs = np.zeros((3, 2, 3))
     of_outputs[2, 0, 0], of_outputs[2, 1, 1] = 1.0, 2.0  # p = s (2 h)
-    found = influences(powers, direct, own, of_outputs)
+    found = influences(elements, direct, own, of_outputs)
     np.testing.assert_allclose(found, [5.0 * 2.0 * 0.5, 5.0 * 9.0 * 2.0, 5.0], rtol=1e-14)

@@ -26,7 +26,6 @@ from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
 
 PLACES = 2  # likeliest places of laws so far at which a memory is tried
-FITS = 2  # memories at each that are fitted in full
 
 
 def leaves_much(law: LawFit) -> bool:
@@ -51,8 +50,7 @@ def functions_of_memories(
     found: list[LawFit] = []
     for here in _at_places(done)[: 1 if problem.needs_engine else PLACES]:
         bare = without_law(problem, here)
-        scored = sorted(_scored(problem, bare, here), key=lambda each: -each.gain)
-        for each in scored[: 1 if problem.needs_engine else FITS]:
+        for each in _best_of_each_kind(_scored(problem, bare, here))[: 1 if problem.needs_engine else None]:
             memory = each.law.memory
             assert memory is not None
             again = fitted(problem, bare, each.law, each.visited, each.smoothness.deviation)
@@ -65,6 +63,14 @@ def functions_of_memories(
             else:
                 progress(f"there it would give energy, so that it is no law of the {again.place.name}")
     return found
+
+
+def _best_of_each_kind(scored: Sequence[ScoredLaw]) -> list[ScoredLaw]:
+    """The best start of each kind of memory, the highest score first."""
+    best: dict[type[Memory | None], ScoredLaw] = {}
+    for each in sorted(scored, key=lambda each: -each.gain):
+        best.setdefault(type(each.law.memory), each)
+    return list(best.values())
 
 
 def _at_places(done: Sequence[LawFit]) -> list[LawFit]:

@@ -6,6 +6,7 @@ from nameless import BEAM, Drive, campaign_of
 from remembering import device_with, searched
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
+from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation
@@ -79,7 +80,7 @@ def test_a_function_of_a_memory_moves_as_an_independent_integration(name):
         (block,) = run.blocks(False, channels=["displacement", "voltage"])
         for channel, values in zip(("displacement", "voltage"), block.values.T, strict=True):
             error = np.abs(values - true[channel]).max() / np.ptp(true[channel])
-            assert error < 1e-3 if closest else error > 0.01, channel
+            assert error < 1e-3 if closest else error > 1e-3, channel
 
 
 def searched_in(folder, memory, records):
@@ -112,10 +113,10 @@ def test_a_polarisation_that_lags_and_saturates_is_found_and_becomes_an_effect(t
     assert law.form.factor == pytest.approx(2e-8, rel=0.03)
     assert law.memory.time_constant == pytest.approx(3e-3, rel=0.03)
     save_effect(discovery(found.best, 1.0, 0.0, ()), "campaign.toml", tmp_path / "law.py")
-    (kind,) = load_effects(tmp_path / "law.py")
-    again = Transducer(**BEAM, effects=(kind(),))
+    (name,) = load_effects(tmp_path / "law.py")
+    again = Transducer(**BEAM, effects=(registered()[name](),))
     results = [
-        simulate(System(device, Resistor(resistance=LOAD)), SineForce(amplitude=0.02, frequency=50.0)).power
+        simulate(System(device, Resistor(resistance=LOAD)), SineForce(amplitude=0.02, frequency=50.0)).harvested_power
         for device in (again, Transducer(**BEAM, effects=(law,)), Transducer(**BEAM))
     ]
     assert results[0] == pytest.approx(results[1], rel=1e-6)

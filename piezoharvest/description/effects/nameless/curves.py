@@ -10,12 +10,11 @@ import numpy as np
 _SERIES = 1e-2  # argument below which the Langevin function is its series: both are exact to 1e-10 there
 
 
-def _langevin(z: Any) -> Any:
+def _langevin(z: np.ndarray) -> np.ndarray:
     """Coth z - 1/z: polarisation of free dipoles (Langevin, Ann. Chim. Phys. 5, 70-127, 1905)."""
-    small: Any = abs(z.real) < _SERIES
-    safe: Any = np.where(small, 1.0, z)
-    found: Any = np.where(small, z / 3.0 - z**3 / 45.0, 1.0 / np.tanh(safe) - 1.0 / safe)
-    return found
+    small: Any = np.abs(np.real(z)) < _SERIES
+    safe = np.where(small, 1.0, z)
+    return np.where(small, z / 3.0 - z**3 / 45.0, 1.0 / np.tanh(safe) - 1.0 / safe)
 
 
 def _logarithm(z: Any) -> Any:
