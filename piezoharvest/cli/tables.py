@@ -261,6 +261,8 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
+        if isinstance(value, Mapping) and "currents" in value:  # a curve
+            value = f"{len(value['currents'])} points"
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""

@@ -22,6 +22,11 @@ BACK = 1e-5
 MOST_CONFIGURATIONS = 4096  # with which a system is set up in a second; its 50 stops then have 2^62 combinations
 
 
+def takes_diode_curve(cls: type[Shunt]) -> bool:
+    """Whether diodes of a kind of circuit may have a curve; else they are straight."""
+    return issubclass(cls, Bridge) and not issubclass(cls, ElectronicBreaker)
+
+
 def with_curves(shunt: Shunt) -> Shunt:
     """The circuit in all pieces of the curves of its diodes and of its switch, if it has any.
 
@@ -31,7 +36,7 @@ def with_curves(shunt: Shunt) -> Shunt:
         A self-powered circuit has a curve, or curves have too many points.
     """
     diode = shunt.diode_curve if isinstance(shunt, Bridge) else None
-    if diode is not None and isinstance(shunt, ElectronicBreaker):
+    if diode is not None and not takes_diode_curve(type(shunt)):
         raise ParameterError("diode_curve", f"found in {shunt.kind}, whose breakers have the same straight diodes")
     switch = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
     if diode is None and switch is None:
