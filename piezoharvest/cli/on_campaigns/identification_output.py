@@ -16,7 +16,8 @@ def above_noise(found: Identification) -> list[str]:
     """Warnings about channels whose residuals are more than noise."""
     return [
         f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
-        "lacks something, and parameters may be off by more than their standard errors; piezoharvest diagnose looks for it"
+        "lacks something, and parameters may be off by more than their standard errors: piezoharvest diagnose looks "
+        "for it"
         for role, quality in (("fitted", found.fit), ("validation", found.validation))
         for channel, noise in quality.noise.items()
         # The noise of a response depends on frequency: the fit warns of it itself.
