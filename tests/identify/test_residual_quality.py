@@ -36,7 +36,7 @@ def test_noise_alone_is_what_the_noise_of_the_drive_makes_in_the_time_of_the_rec
         columns |= {"time_s": time, "force_N": force + NOISE * rng.standard_normal(len(time))}
         records.append({"data": columns, "load_resistance": LOAD})
     found = identify(Campaign.from_arrays(DEVICE, records))
-    pulse = lsim(model(), NOISE * (np.arange(len(time)) == 0), time)[1]
+    pulse = lsim(model(), NOISE * (np.arange(len(time)) == 1), time)[1]
     expected = np.sqrt(np.mean(np.cumsum(pulse**2, axis=0), axis=0) + own**2)
     for channel, wanted in zip(("displacement", "voltage"), expected, strict=True):
         assert found.fit.noise[channel] == pytest.approx(wanted, rel=0.07)
