@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -192,7 +192,7 @@ def _with_part(table: dict[str, Any], key: str, cls: type[Shunt], capacitance: f
     name = table.pop(key)
     if not any(needed in fields for needed in sort.needed):
         raise ParameterError(key, f"found {name!r:.60}, but this kind of shunt has no {sort.doc}")
-    check_choice(key, name, parts(key))
+    _check_name(key, name, [own for own in sort.keys if own in fields])
     for own in sort.keys:
         if own in table:
             raise ParameterError(own, f"found together with {key}, which gives it too: remove one of the two")
@@ -200,6 +200,19 @@ def _with_part(table: dict[str, Any], key: str, cls: type[Shunt], capacitance: f
     number = None if option is None or given is None else _number(given, option)
     found = sort.values(parts(key)[name], number, Place(cls, table, capacitance))
     return {**table, **{each: value for each, value in found.items() if each in fields}}
+
+
+def _check_name(key: str, name: Any, keys: Sequence[str]) -> None:
+    """Raise `ParameterError` unless the catalogue has a part of this name; `keys` describe another one."""
+    try:
+        check_choice(key, name, parts(key))
+    except ParameterError as error:
+        raise ParameterError(key, f"{error.message}; another one is described by {', '.join(keys)}") from None
+
+
+def sort_of(name: Any) -> str | None:
+    """Key that names a part, if the catalogue has one of this name."""
+    return next((key for key in SORTS if isinstance(name, str) and name in parts(key)), None)
 
 
 def _number(value: Any, option: Option) -> float:
