@@ -623,9 +623,17 @@ class TestExport:
         refused("export", study, "--out", "x", "--shunt", "-1")
 
     def test_schematic(self, study, run, refused, tmp_path):
+        """The name says for which program it is; read back, it is told from a netlist."""
         assert run("export", study, "--out", "s.asc", "--shunt", "1", "--dialect", "ltspice")[0] == 0
+        assert run("export", study, "--out", "t.ASC", "--shunt", "1")[0] == 0
+        assert (tmp_path / "s.asc").read_text() == (tmp_path / "t.ASC").read_text()
         assert (tmp_path / "s.asc").read_text().startswith("Version 4\nSHEET 1 ")
-        assert "a schematic (.asc) is written with --dialect ltspice" in refused("export", study, "--out", "x.asc")
+        wrong = refused("export", study, "--out", "x.asc", "--dialect", "ngspice")
+        assert "--dialect: found ngspice, but a schematic (.asc) is for LTspice" in wrong.replace("'", "")
+        told = "s.asc: found a schematic of LTspice, must be a netlist: export its netlist from LTspice"
+        assert told in refused("import", "s.asc")
+        (tmp_path / "u.asc").write_bytes((tmp_path / "s.asc").read_text().replace("\n", "\r\n").encode("utf-16"))
+        assert "u.asc: found a schematic of LTspice" in refused("import", "u.asc")
 
     def test_without_ngspice_nothing_is_checked(self, study, run, monkeypatch):
         monkeypatch.setenv("PATH", "/nowhere")

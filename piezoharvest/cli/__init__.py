@@ -306,12 +306,15 @@ def export(
 ) -> Work:
     """Write a netlist for circuit simulators that starts in the steady state.
 
-    With --dialect ltspice and a FILE that ends in .asc, a schematic is written.
+    A schematic for LTspice is written to a FILE that ends in .asc.
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
-    if out.suffix.lower() == ".asc" and dialect is not NetlistDialect.LTSPICE:
-        raise typer.BadParameter("a schematic (.asc) is written with --dialect ltspice", param_hint="--out")
+    if out.suffix.lower() == ".asc":
+        if dialect is NetlistDialect.NGSPICE:
+            found = "found ngspice, but a schematic (.asc) is for LTspice"
+            raise typer.BadParameter(found, param_hint="--dialect")
+        dialect = NetlistDialect.LTSPICE
     from piezoharvest.cli import export_command
 
     options = {"dialect": dialect.value if dialect else None, "diodes": diodes}
