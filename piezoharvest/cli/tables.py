@@ -267,6 +267,8 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
             value = _with_unit(value, unit, exact=key in ideal) + tuned
+        elif isinstance(value, float):
+            value = f"{value:.4g}"
         elif unit and isinstance(value, list):
             tuned = [_with_unit(x, unit, exact=f"{key}.{n}" in ideal) for n, x in enumerate(value)]
             value = ", ".join(tuned)

@@ -92,18 +92,12 @@ def exponential_diode(
 
 
 def exponential_curve(
-    saturation_current: float,
-    emission: float,
-    series_resistance: float,
-    *,
-    least_current: float = 0.0,
-    temperature: float = ROOM,
+    saturation_current: float, emission: float, series_resistance: float, *, temperature: float = ROOM
 ) -> VoltageCurve:
     """The same law as a broken line up to 1 A, for currents of any size.
 
     Its points are at equal steps of the junction's voltage, and raised so that the mean voltage of a piece that is
-    passed at a steady rate is that of the law. Those below `least_current` (A) are left out; the first piece then
-    begins with a drop.
+    passed at a steady rate is that of the law.
 
     Raises
     ------
@@ -119,14 +113,7 @@ def exponential_curve(
     steps = step * np.arange(1, count + 1)
     currents = saturation_current * np.expm1(steps)
     voltages = thermal * (steps + raised) + series_resistance * currents
-    kept = np.append(currents[:-1] >= least_current, True)
-    drop = 0.0
-    if not kept[0]:
-        first = currents[kept][0]
-        drop = exponential_diode(
-            saturation_current, emission, series_resistance, first, temperature=temperature
-        ).diode_drop
-    points = {"currents": (0.0, *currents[kept]), "voltages": (drop, *voltages[kept])}
+    points = {"currents": (0.0, *currents), "voltages": (0.0, *voltages)}
     read = {key: tuple(float(f"{each:.6g}") for each in values) for key, values in points.items()}  # as one writes them
     return VoltageCurve(**read)
 

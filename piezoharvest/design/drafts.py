@@ -296,7 +296,7 @@ class Drafting:
             inversion = np.exp(-np.pi / (2 * values["quality"]))
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
                          f"voltage) and {values['inductance']:.3g} H{same}")  # fmt: skip
-        values |= self._diodes(cls, values.get("inductance"), notes)
+        values |= self._diodes(cls, values, notes)
         values |= self._further_parts(cls, notes)
         values |= self._curves(cls, values, notes)
         own, note = cls.assumed(capacitance, self.frequency)
@@ -307,12 +307,12 @@ class Drafting:
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
-    def _diodes(self, cls: type[Shunt], inductance: float | None, notes: list[str]) -> dict[str, float]:
+    def _diodes(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, float]:
         """Diodes as the study's tables give them; where they have a curve that a circuit cannot have, a line for it."""
         found = {name: self._device(name, 0.0) for name in DIODE if name in cls.__dataclass_fields__}
         curved = next((s for s in self.templates if getattr(s, "diode_curve", None) is not None), None)
         if found and isinstance(curved, Bridge) and curved.diode_curve and not takes_diode_curve(cls):
-            peak = self._peak_current(inductance)
+            peak = self._peak_current(cls, values.get("inductance"))
             line = straight_diode(curved.diode_curve, peak)
             of_kind = {"diode_drop": line.mean_drop(peak)} if "diode_resistance" not in found else line.keys
             origin = f" as in the study's {curved.kind} at {peak:.2g} A"
@@ -322,8 +322,10 @@ class Drafting:
             notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
         return {name: value for name, (value, _) in found.items()}
 
-    def _peak_current(self, inductance: float | None) -> float:
+    def _peak_current(self, cls: type[Shunt], inductance: float | None) -> float:
         """Scale of the current (A) through diodes: that of open electrodes which a coil discharges, or the motion."""
+        if inductance is None and issubclass(cls, SynchronisedShunt):
+            inductance = self._switched_inductance(QUALITY)  # of one that is not part of the model
         capacitance = self.leads.capacitance
         rate = 2 * np.pi * self.frequency if inductance is None else 1 / np.sqrt(inductance * capacitance)
         return float(self.leads.open_voltage * capacitance * rate)

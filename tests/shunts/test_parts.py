@@ -84,7 +84,8 @@ def test_every_coil_can_be_simulated(name):
 @pytest.mark.parametrize(
     ("table", "key"),
     [
-        ({"kind": "ssdi", "coil": "SDR0503-103JL"}, "coil"),  # of an unknown capacitance
+        ({"kind": "ssdi", "coil": "SDR0503-103JL"}, "switch"),
+        ({"kind": "ssdi", "coil": "SDR0503-103JL", "switch": "2N7002W"}, "coil"),  # of an unknown capacitance
         ({"kind": "ssdi", "coil": "SDR0503-103KL"}, "coil"),
         ({"kind": "resistor", "resistance": 1.0, "coil": "SDR0503-103JL"}, "coil"),
         ({"kind": "series_rl", "resistance": 1.0, "coil": "SDR0503-103JL", "inductance": 1.0}, "inductance"),

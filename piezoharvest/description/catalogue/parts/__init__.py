@@ -12,8 +12,6 @@ from piezoharvest.description.parameters import ParameterError, check_choice
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.curves.curved import takes_diode_curve
 
-# A: with windings that ring in ns, the engine chatters where diodes have more than some 10 kohm, as below this current.
-LEAST_WITH_RINGING = 1e-5
 USUAL_SUPPLY = 3.0  # V: two cells, or what a buck converter of a sensor node delivers
 # Units of what the files have, but of `count`.
 UNITS = {
@@ -82,8 +80,7 @@ def _diode(part: Mapping[str, Any], current: float | None, place: Place) -> dict
         where = "with storage" if "storage" in place.table else "in this kind of shunt"
         needed = 'give the peak of the current to which it is fitted, such as "1 mA"'
         raise ParameterError("diode_current", f"missing key, {where} a diode is a straight line: {needed}")
-    rings = "coil" in place.table or "self_resonance" in place.table
-    curve = exponential_curve(*law, least_current=LEAST_WITH_RINGING if rings else 0.0)
+    curve = exponential_curve(*law)
     return {"diode_curve": {"currents": [*curve.currents], "voltages": [*curve.voltages]}, **backwards}
 
 
@@ -93,6 +90,9 @@ def _coil(part: Mapping[str, Any], option: float | None, place: Place) -> dict[s
     capacitance = place.capacitance
     if "winding_resistance" in place.cls.__dataclass_fields__:
         return found
+    if not {"switch", "switch_resistance"} & set(place.table):
+        found = "missing key, the winding of a coil by name is charged through a switch"
+        raise ParameterError("switch", f'{found}: name one, such as "2N7002W", or give switch_resistance')
     if capacitance is None:
         message = "found where the clamped capacitance is not known: give inductance and quality = sqrt(L/C)/R instead"
         raise ParameterError("coil", message)
