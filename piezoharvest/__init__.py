@@ -22,7 +22,7 @@ _HOMES = {
     "description.hysteresis": ("Hysteresis",),
     "description.system": ("System",),
     "description.circuit": ("Port", "Product", "State"),
-    "description.diode": ("DiodeLine", "exponential_diode", "measured_diode"),
+    "description.diode": ("DiodeLine", "exponential_curve", "exponential_diode", "measured_diode"),
     "description.parameters": ("Component", "ParameterError", "quantity"),
     "description.excitation": (
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",

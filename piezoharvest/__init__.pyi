@@ -2,7 +2,7 @@
 
 from piezoharvest.bench import measure
 from piezoharvest.description.circuit import Port, Product, State
-from piezoharvest.description.diode import DiodeLine, exponential_diode, measured_diode
+from piezoharvest.description.diode import DiodeLine, exponential_curve, exponential_diode, measured_diode
 from piezoharvest.description.effects import (
     BiasCurrent,
     ChannelSkew,
@@ -227,6 +227,7 @@ __all__ = [
     "coupling_factor",
     "design",
     "diagnose",
+    "exponential_curve",
     "exponential_diode",
     "frequency_response",
     "from_catalogue",

@@ -29,6 +29,7 @@ import piezoharvest.report
 import piezoharvest.spice
 from piezoharvest import __version__
 from piezoharvest.cli import main
+from piezoharvest.cli.tables import Column, _print_table
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.output import TABLE_SUFFIXES, WAVEFORM_COLUMNS, OutputError, atomic, check_file, write_text
@@ -156,6 +157,15 @@ def engine(monkeypatch):
     return answer
 
 
+def test_powers_of_a_row_have_one_prefix(capsys):
+    """Where four digits show both: 754 uW of 1227 uW, but 1.2 W of 754 uW."""
+    for mechanical, units in ((1.227e-3, ["uW", "uW"]), (1.2, ["uW", "W"])):
+        columns = [Column("harvested", "W", [7.542e-4]), Column("mech.", "W", [mechanical]), Column("V", "V", [19.0])]
+        _print_table("", "shunt", ["sece"], columns, [True])
+        header, *_ = [line for line in capsys.readouterr().out.splitlines() if line.startswith("shunt")]
+        assert header.split()[1:] == [*units, "V"]
+
+
 class TestSimulate:
     def test_json_is_the_interface(self, study, run):
         status, out, _ = run("simulate", study, "--json")
@@ -233,14 +243,16 @@ class TestSimulate:
         assert "study.toml: shunts.0 (resistor): phase_lag: found 1, must be 0" in refused("simulate", study)
 
     def test_table_has_one_prefix_in_a_column(self, study, run, engine):
-        engine(response(harvested_power=2.5e-6), response("parallel_sshi", harvested_power=1.25e-3))
+        drawn = {"mechanical_power": 2e-3}
+        engine(response(harvested_power=2.5e-6, **drawn), response("parallel_sshi", harvested_power=1.25e-3, **drawn))
         _, out, _ = run("simulate", study)
         assert "0.002500" in out
         assert "1.250" in out
         assert "mW" in out
 
     def test_rounding_up_takes_the_next_prefix(self, study, run, engine):
-        engine(response(harvested_power=9.99996e-4), response("parallel_sshi", harvested_power=0.0))
+        drawn = {"mechanical_power": 2e-3}
+        engine(response(harvested_power=9.99996e-4, **drawn), response("parallel_sshi", harvested_power=0.0, **drawn))
         _, out, _ = run("simulate", study)
         assert "1.000" in out
         assert "mW" in out
@@ -623,9 +635,17 @@ class TestExport:
         refused("export", study, "--out", "x", "--shunt", "-1")
 
     def test_schematic(self, study, run, refused, tmp_path):
+        """The name says for which program it is; read back, it is told from a netlist."""
         assert run("export", study, "--out", "s.asc", "--shunt", "1", "--dialect", "ltspice")[0] == 0
+        assert run("export", study, "--out", "t.ASC", "--shunt", "1")[0] == 0
+        assert (tmp_path / "s.asc").read_text() == (tmp_path / "t.ASC").read_text()
         assert (tmp_path / "s.asc").read_text().startswith("Version 4\nSHEET 1 ")
-        assert "a schematic (.asc) is written with --dialect ltspice" in refused("export", study, "--out", "x.asc")
+        wrong = refused("export", study, "--out", "x.asc", "--dialect", "ngspice")
+        assert "--dialect: found ngspice, but a schematic (.asc) is for LTspice" in wrong.replace("'", "")
+        told = "s.asc: found a schematic of LTspice, must be a netlist: export its netlist from LTspice"
+        assert told in refused("import", "s.asc")
+        (tmp_path / "u.asc").write_bytes((tmp_path / "s.asc").read_text().replace("\n", "\r\n").encode("utf-16"))
+        assert "u.asc: found a schematic of LTspice" in refused("import", "u.asc")
 
     def test_without_ngspice_nothing_is_checked(self, study, run, monkeypatch):
         monkeypatch.setenv("PATH", "/nowhere")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from piezoharvest.cli import main
 from piezoharvest.description.catalogue import materials
 from piezoharvest.description.catalogue.parts import parts, with_parts
 from piezoharvest.description.figures import data_sheet
@@ -9,6 +10,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Rectifier, registered
 from piezoharvest.near_names import did_you_mean, near_names
 from piezoharvest.study import build_transducer
+from piezoharvest.study.words import shortened
 
 
 @pytest.mark.parametrize(
@@ -45,6 +47,22 @@ def test_diodes_and_materials_are_suggested():
         data_sheet({"material": "pzt5a"})
     assert near_names("pzt 5a", materials()) == ["PZT-5A"]
     assert near_names("1N41", parts("diode")) == ["1N4148"]
+
+
+@pytest.mark.parametrize("text", ["a list of words, " * 60, "word" * 200, "x" * 310 + " " + "y" * 300])
+def test_a_long_message_is_cut_between_words(text):
+    short = shortened(text)
+    head, _, tail = short.partition(" ... ")
+    assert len(short) <= 450 and text.startswith(head) and text.endswith(tail)
+    if " " in text[:300]:
+        assert text[len(head)] == " " == text[-len(tail) - 1]
+
+
+def test_an_unknown_name_of_the_catalogue(capsys):
+    with pytest.raises(ParameterError, match=r"'NAC2023'\?\), must be a name that `piezoharvest catalogue` lists"):
+        build_transducer({"catalogue": "NAC2024"})
+    assert main(["catalogue", "bat5"]) == 2
+    assert "(did you mean 'BAT54'?), must be a name that" in capsys.readouterr().err
 
 
 def test_a_misspelt_figure_of_a_data_sheet_is_named():

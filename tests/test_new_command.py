@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from messages import is_sentence
 from scipy.io import savemat
-from scipy.signal import StateSpace, butter, lsim, sosfilt
+from scipy.signal import StateSpace, butter, chirp, lsim, sosfilt
 
 from piezoharvest import System, load_study, simulate
 from piezoharvest.cli import main
@@ -246,6 +246,63 @@ def test_rough_values_from_any_motion(measured, motion):
     found = rough_values({**channels, motion: rates}, RATE)
     for name, value in TRUE.items():
         assert found[name] == pytest.approx(value, rel=0.2 if name == "damping" else 0.05)
+
+
+@pytest.mark.parametrize("motion", ["displacement", "velocity"])
+def test_rough_damping_of_a_resonance_that_is_narrower_than_a_line(motion):
+    """Quality 500, and a record that ends before the resonance has rung down: what it ends with is not lost."""
+    damping, time = 0.0063, np.arange(4000) / RATE
+    force = 0.02 * chirp(time, 30.0, time[-1], 80.0)
+    A = [[0, 1], [-STIFFNESS / MASS, -damping / MASS]]
+    _, states, _ = lsim(StateSpace(A, [[0], [1 / MASS]], np.eye(2), np.zeros((2, 1))), force, time)
+    found = rough_values({"force": force, motion: states[:, 0 if motion == "displacement" else 1]}, RATE, resonant=True)
+    assert found["damping"] == pytest.approx(damping, rel=0.1)
+    assert found["mass"] == pytest.approx(MASS, rel=0.01)
+
+
+def test_mass_and_damping_come_from_the_file_that_has_the_resonance(tmp_path, measured):
+    """A slow record tells stiffness, coupling and capacitance, a mobility beside it the resonance at 50 Hz."""
+    slow = sosfilt(butter(4, [1, 5], "bandpass", fs=RATE, output="sos"), np.random.default_rng(5).normal(size=COUNT))
+    A = [[0, 1, 0], [-STIFFNESS / MASS, -DAMPING / MASS, COUPLING / MASS],
+         [0, -COUPLING / CAPACITANCE, -1 / (LOAD * CAPACITANCE)]]  # fmt: skip
+    _, states, _ = lsim(StateSpace(A, [[0], [1 / MASS], [0]], np.eye(3), np.zeros((3, 1))), slow, measured["time"])
+    noise = 1.0 + 1e-2 * np.random.default_rng(6).normal(size=COUNT)
+    slowly = {"time": measured["time"], "force": slow, "displacement": noise * states[:, 0], "voltage": states[:, 2],
+              "current": states[:, 2] / LOAD}  # fmt: skip
+    assert rough_values({k: v for k, v in slowly.items() if k != "time"}, RATE, resonant=True) == {}
+    s = 2j * np.pi * np.linspace(40.0, 60.0, 81)
+    mobility = s / (STIFFNESS + DAMPING * s + MASS * s**2)
+    rows = [
+        f"{f:.9g},{m:.9g},{p:.9g}"
+        for f, m, p in zip(s.imag / 2 / np.pi, abs(mobility), np.angle(mobility), strict=True)
+    ]
+    (tmp_path / "frf.csv").write_text("\n".join(["Frequency (Hz),Mobility Magnitude [m/s/N],Phase (rad)", *rows]))
+    assert (
+        run(
+            "new",
+            "campaign",
+            written(tmp_path / "slow.csv", slowly),
+            tmp_path / "frf.csv",
+            "--out",
+            tmp_path / "c.toml",
+        )
+        == 0
+    )
+    nominal = tomllib.loads((tmp_path / "c.toml").read_text())["transducer"]
+    for name, value in TRUE.items():
+        assert nominal[name] == pytest.approx(value, rel=0.05), name
+
+
+@pytest.mark.parametrize("header", ["Magnitude (dB)", "magnitude_dB", "Mobility Magnitude [dB]", "|mobility| (dB)"])
+def test_levels_whose_zero_the_file_does_not_state_are_marked(tmp_path, header):
+    s = 2j * np.pi * np.linspace(40.0, 60.0, 81)
+    mobility = s / (STIFFNESS + DAMPING * s + MASS * s**2)
+    columns = [s.imag / (2 * np.pi), 20 * np.log10(abs(mobility)), np.angle(mobility, deg=True)]
+    names = f"Frequency (Hz),{header},Phase (deg)"
+    np.savetxt(tmp_path / "frf.csv", np.column_stack(columns), delimiter=",", header=names, comments="")
+    assert run("new", "campaign", tmp_path / "frf.csv", "--out", tmp_path / "c.toml") == 0
+    (line,) = [line for line in (tmp_path / "c.toml").read_text().splitlines() if line.startswith("magnitude = ")]
+    assert 'unit = "dB" }' in line and "(?) 0 dB taken for the SI unit" in line
 
 
 @pytest.mark.parametrize(("output", "order"), [("displacement", 0), ("velocity", 1), ("acceleration", 2)])

@@ -26,6 +26,7 @@ import piezoharvest
 Work = Callable[[], int]
 # A process that ends need not look for garbage: that was a quarter of the processor time of a short command.
 atexit.register(gc.freeze)
+MOST_ERRORS = 20  # of a campaign's data, beyond the first one
 _FULL = (
     errno.ENOSPC,
     errno.EDQUOT,
@@ -305,12 +306,15 @@ def export(
 ) -> Work:
     """Write a netlist for circuit simulators that starts in the steady state.
 
-    With --dialect ltspice and a FILE that ends in .asc, a schematic is written.
+    A schematic for LTspice is written to a FILE that ends in .asc.
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
-    if out.suffix.lower() == ".asc" and dialect is not NetlistDialect.LTSPICE:
-        raise typer.BadParameter("a schematic (.asc) is written with --dialect ltspice", param_hint="--out")
+    if out.suffix.lower() == ".asc":
+        if dialect is NetlistDialect.NGSPICE:
+            found = "found ngspice, but a schematic (.asc) is for LTspice"
+            raise typer.BadParameter(found, param_hint="--dialect")
+        dialect = NetlistDialect.LTSPICE
     from piezoharvest.cli import export_command
 
     options = {"dialect": dialect.value if dialect else None, "diodes": diodes}
@@ -468,7 +472,10 @@ def _failed(error: Exception) -> int:
     from piezoharvest.cli.commands import BAD_INPUT
 
     if isinstance(error, BAD_INPUT):
-        return _say(f"error: {error}", 2)
+        _say(f"error: {error}", 2)
+        for line in _further_errors(error):
+            _say(line, 2)
+        return 2
     if isinstance(error, MemoryError):
         return _say("error: there is not enough memory for this task", 2)
     if isinstance(error, OSError):
@@ -477,6 +484,17 @@ def _failed(error: Exception) -> int:
         raise error
     hint = "PIEZOHARVEST_TRACEBACK=1 shows where"
     return _say(f"internal error, please report it: {type(error).__name__}: {error} ({hint})", 1)
+
+
+def _further_errors(error: Exception) -> list[str]:
+    """One line for each further error that the checks of a campaign found."""
+    campaign: Any = getattr(error, "campaign", None)
+    if campaign is None:
+        return []
+    further = campaign.errors[1:]
+    lines = [f"error: {campaign.path.parent / found.file}: {found.place}: {found.message}" for found in further]
+    left = len(lines) - MOST_ERRORS
+    return lines if left <= 0 else [*lines[:MOST_ERRORS], f"error: {left} more of them are not shown"]
 
 
 def _say(text: str, status: int) -> int:

@@ -8,8 +8,8 @@ from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note
 from piezoharvest.description import catalogue
 from piezoharvest.description.catalogue import parts as bought
-from piezoharvest.description.parameters import ParameterError
-from piezoharvest.study import build_transducer, unknown
+from piezoharvest.study import build_transducer
+from piezoharvest.study.words import not_in_catalogue
 
 _VALUES = ("mass", "damping", "stiffness", "coupling", "capacitance")
 # Units of the constants of a material.
@@ -46,8 +46,7 @@ def _one(name: str) -> dict[str, Any]:
     found = {part: key for key in bought.SORTS for part in bought.parts(key)}
     if name in found:
         return _part(found[name], name)
-    wrong = unknown("NAME", name, (*catalogue.names(), *catalogue.materials(), *found))
-    raise ParameterError("catalogue", wrong.message)
+    raise not_in_catalogue("NAME", name, (*catalogue.names(), *catalogue.materials(), *found))
 
 
 def _material(name: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from piezoharvest.output import check_file, write_text
 from piezoharvest.study import Study, StudyError
 
 MOST_BYTES = 1 << 20  # of a netlist
+SCHEMATIC = re.compile(r"Version \d+(\.\d+)?\s*\nSHEET ", re.IGNORECASE)
 
 
 def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], tolerance: float | None) -> int:
@@ -121,4 +123,8 @@ def _text(path: Path) -> str:
         text = data.decode(encoding)
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if SCHEMATIC.match(text):
+        advice = "export its netlist from LTspice (View > SPICE Netlist) and import that"
+        raise StudyError(path, "", f"found a schematic of LTspice, must be a netlist: {advice}")
+    return text

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V", "capacitance": "F, clamped"}
 _DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
+_MECHANICAL = ("mass", "damping", "stiffness")
 _REGRESSED = ("force", "displacement", "velocity", "acceleration", "voltage", "current")
 # In the place of [transducer], where the records alone do not tell it.
 _MODAL = (
@@ -105,10 +106,16 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
 
 
 def _transducer(found: Sequence[FoundFile]) -> Iterator[str]:
-    """Lines of nominal values, as far as a regression of the longest record tells them."""
+    """Lines of nominal values, as far as regressions of the longest records tell them.
+
+    Mass, damping and stiffness are those of a record or a response that has the resonance, if there is one.
+    """
     rough: dict[str, float] = {}
-    for each in sorted(found, key=lambda one: -one.count):
+    ordered = sorted(found, key=lambda one: -one.count)
+    for each in ordered:
         rough = max(rough, _rough(each), key=len)
+    resonant = (_rough(each, resonant=True) for each in sorted(ordered, key=lambda one: one.kind == "frf"))
+    rough |= {name: value for name, value in next(filter(None, resonant), {}).items() if name in _MECHANICAL}
     for name, unit in _UNITS.items():
         if name in rough:
             yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; rough value, from the records (?)"
@@ -118,8 +125,8 @@ def _transducer(found: Sequence[FoundFile]) -> Iterator[str]:
         yield from _MODAL
 
 
-def _rough(found: FoundFile) -> dict[str, float]:
-    """Nominal values from one file."""
+def _rough(found: FoundFile, *, resonant: bool = False) -> dict[str, float]:
+    """Nominal values from one file; if required, only from one that has the resonance."""
     from piezoharvest.records.recognition.rough_values import rough_values, rough_values_of_response
 
     if found.kind == "frf" and found.input == "force" and "response" in found.values:
@@ -127,7 +134,7 @@ def _rough(found: FoundFile) -> dict[str, float]:
     channels = {name: found.values[name] for name in _REGRESSED if name in found.values}
     if found.rate is None or len({len(values) for values in channels.values()}) != 1:
         return {}
-    return rough_values(channels, found.rate)
+    return rough_values(channels, found.rate, resonant=resonant)
 
 
 def _channels(found: FoundFile) -> Iterator[str]:
@@ -191,6 +198,8 @@ def _load(found: FoundFile, drive: str) -> Iterator[str]:
 
 def _spectrum(found: FoundFile) -> Iterator[str]:
     """Keys of a frequency response or an impedance."""
+    from piezoharvest.records.recognition.files import LEVEL
+
     yield f'kind = "{found.kind}"'
     if found.kind == "impedance":
         yield 'mechanical = "free"              # or "blocked"'
@@ -204,8 +213,11 @@ def _spectrum(found: FoundFile) -> Iterator[str]:
     if found.columns or "response" not in found.values:
         yield "[records.channels]"
     for part, column in found.columns.items():
-        unit = found.units[part]
-        yield f"{part} = {{ column = {_quoted(column)} }}" + (f"    # {unit}, stated in the file" if unit else "")
+        unit, source = found.units[part], f"column = {_quoted(column)}"
+        if unit == LEVEL:
+            yield f'{part} = {{ {source}, unit = "dB" }}    # (?) 0 dB taken for the SI unit; or: unit = "dB re um/N"'
+        else:
+            yield f"{part} = {{ {source} }}" + (f"    # {unit}, stated in the file" if unit else "")
     if "response" not in found.values:
         yield f"# further columns: {', '.join(map(_quoted, found.left)) or 'none'}"
         yield '# response (complex), or real and imaginary, or magnitude and phase: { column = "...", unit = "..." }'

@@ -261,10 +261,14 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
+        if isinstance(value, Mapping) and "currents" in value:  # a curve
+            value = f"{len(value['currents'])} points"
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
             value = _with_unit(value, unit, exact=key in ideal) + tuned
+        elif isinstance(value, float):
+            value = f"{value:.4g}"
         elif unit and isinstance(value, list):
             tuned = [_with_unit(x, unit, exact=f"{key}.{n}" in ideal) for n, x in enumerate(value)]
             value = ", ".join(tuned)
@@ -312,11 +316,30 @@ class Column:
     """
 
     def __init__(self, name: str, unit: str, values: Sequence[float | None]):
-        finite = [abs(value) for value in values if value is not None and math.isfinite(value)]
-        power = 0 if unit in ("%", "dB", "") else _power(max(finite, default=0.0))
-        self.header = [*name.split(), *([_PREFIXES[power] + unit] if unit else [])]
-        self.cells = [_cell(value, 10.0**power) for value in values]
-        self.tells = any(finite)  # a column of zeros, as of the power of circuits without a load, is left out
+        self.name, self.unit, self.values = name, unit, values
+        self.largest = max((abs(v) for v in values if v is not None and math.isfinite(v)), default=0.0)
+        self.power = 0 if unit in ("%", "dB", "") else _power(self.largest)
+        self.tells = self.largest > 0  # a column of zeros, as of the power of circuits without a load, is left out
+
+    @property
+    def header(self) -> list[str]:
+        """Lines of the header."""
+        return [*self.name.split(), *([_PREFIXES[self.power] + self.unit] if self.unit else [])]
+
+    @property
+    def cells(self) -> list[str]:
+        """Numbers as text."""
+        return [_cell(value, 10.0**self.power) for value in self.values]
+
+
+def _share_prefixes(columns: Sequence[Column]) -> None:
+    """Give columns of one unit the prefix of the smallest, so that a row compares, as far as four digits show all."""
+    for unit in {column.unit for column in columns}:
+        same = [column for column in columns if column.unit == unit and column.tells]
+        lowest = min((column.power for column in same), default=0)
+        for column in same:
+            if float(f"{column.largest:.3e}") < 1e4 * 10.0**lowest:
+                column.power = lowest
 
 
 def _power(largest: float) -> int:
@@ -349,6 +372,7 @@ def _print_table(
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.collapse_padding = True
     columns = [column for column in columns if column.tells] or list(columns)
+    _share_prefixes(columns)
     height = max(len(column.header) for column in columns)
     below = "\n" * (height - 1)
     table.add_column(below + corner, no_wrap=True)

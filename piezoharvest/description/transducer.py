@@ -130,6 +130,12 @@ class Transducer(Component):
         own = Pair(self.capacitance, tuple(mode.coupling for mode in self.all_modes))
         return (own, *(Pair(electrode.capacitance, electrode.couplings) for electrode in self.electrodes))
 
+    @property
+    def reversed_leads(self) -> Transducer:
+        """The same with exchanged leads: couplings of the own electrodes have the other sign."""
+        modes = tuple(dataclasses.replace(mode, coupling=-mode.coupling) for mode in self.modes)
+        return dataclasses.replace(self, coupling=-self.coupling, modes=modes)
+
     def swapped(self, number: int) -> Transducer:
         """The same structure, its own electrodes and those of a number having changed places.
 

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.circuit import Port
+from piezoharvest.description.diode import straight_diode
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt, registered
 from piezoharvest.description.shunts.base import Leads
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.curves.curved import takes_diode_curve
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
-from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
@@ -288,12 +289,6 @@ class Drafting:
             load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
-        parts = [name for name in DIODE if name in cls.__dataclass_fields__]
-        if parts:
-            found = {name: self._device(name, 0.0) for name in parts}
-            values |= {name: value for name, (value, _) in found.items()}
-            words = [f"{value:g} {unit_at(cls, name)}{origin}" for name, (value, origin) in found.items() if value]
-            notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
         if issubclass(cls, SwitchedCoil):
             values["quality"], origin = self._device("quality", QUALITY)
             otherwise = self._switched_inductance(values["quality"])
@@ -301,6 +296,7 @@ class Drafting:
             inversion = np.exp(-np.pi / (2 * values["quality"]))
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
                          f"voltage) and {values['inductance']:.3g} H{same}")  # fmt: skip
+        values |= self._diodes(cls, values, notes)
         values |= self._further_parts(cls, notes)
         values |= self._curves(cls, values, notes)
         own, note = cls.assumed(capacitance, self.frequency)
@@ -310,6 +306,29 @@ class Drafting:
             # The default, a quarter of the common period of all tones, would let most extrema pass.
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
+
+    def _diodes(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, float]:
+        """Diodes as the study's tables give them; where they have a curve that a circuit cannot have, a line for it."""
+        found = {name: self._device(name, 0.0) for name in DIODE if name in cls.__dataclass_fields__}
+        curved = next((s for s in self.templates if getattr(s, "diode_curve", None) is not None), None)
+        if found and isinstance(curved, Bridge) and curved.diode_curve and not takes_diode_curve(cls):
+            peak = self._peak_current(cls, values.get("inductance"))
+            line = straight_diode(curved.diode_curve, peak)
+            of_kind = {"diode_drop": line.mean_drop(peak)} if "diode_resistance" not in found else line.keys
+            origin = f" as in the study's {curved.kind} at {peak:.2g} A"
+            found |= {n: (getattr(curved, n) + of_kind[n], origin) for n in found if of_kind.get(n)}
+        words = [f"{value:.4g} {unit_at(cls, name)}{origin}" for name, (value, origin) in found.items() if value]
+        if found and (words or curved is None):
+            notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
+        return {name: value for name, (value, _) in found.items()}
+
+    def _peak_current(self, cls: type[Shunt], inductance: float | None) -> float:
+        """Scale of the current (A) through diodes: that of open electrodes which a coil discharges, or the motion."""
+        if inductance is None and issubclass(cls, SynchronisedShunt):
+            inductance = self._switched_inductance(QUALITY)  # of one that is not part of the model
+        capacitance = self.leads.capacitance
+        rate = 2 * np.pi * self.frequency if inductance is None else 1 / np.sqrt(inductance * capacitance)
+        return float(self.leads.open_voltage * capacitance * rate)
 
     def _further_parts(self, cls: type[Shunt], notes: list[str]) -> dict[str, float]:
         """Further parts that the study's tables give; what each is is added to the remarks."""
@@ -325,10 +344,11 @@ class Drafting:
     def _curves(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, VoltageCurve]:
         """Curves of diodes and switch that the study's tables give, where a circuit of this class can have them."""
         found: dict[str, VoltageCurve] = {}
-        names = [name for name in CURVES if name in cls.__dataclass_fields__]
+        names = [CURVES[0]] if takes_diode_curve(cls) else []
+        names += [CURVES[1]] if CURVES[1] in cls.__dataclass_fields__ else []
         if "core_resistance" in values or "self_resonance" in values:
             names = [name for name in names if name != "switch_curve"]
-        for name in names if not issubclass(cls, ElectronicBreaker) else ():
+        for name in names:
             shunt = next((shunt for shunt in self.templates if getattr(shunt, name, None) is not None), None)
             if shunt is not None:
                 found[name] = getattr(shunt, name)
@@ -349,7 +369,8 @@ class Drafting:
     def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
         """Remarks on device properties that are not the same in all drafts."""
         found = []
-        for name in (*DIODE, "quality", *COIL, *BESIDE):
+        curved = any(getattr(d.shunt, "diode_curve", None) is not None for d in drafts)
+        for name in (*(DIODE[2:] if curved else DIODE), "quality", *COIL, *BESIDE):
             have = [d for d in drafts if not isinstance(d.shunt, LinearShunt)]
             have = [d for d in have if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
@@ -358,6 +379,7 @@ class Drafting:
                 found.append(f"candidates are not compared with the same devices: {name} is {each}")
         for name in CURVES:
             have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
+            have = [d for d in have if name != "diode_curve" or takes_diode_curve(type(d.shunt))]
             if len({getattr(d.shunt, name) for d in have}) > 1:
                 without = ", ".join(d.kind for d in have if getattr(d.shunt, name) is None)
                 which = f"{without} without {name}" if without else f"{name} is another one in some"

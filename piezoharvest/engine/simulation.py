@@ -113,6 +113,9 @@ def simulate(
         response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
     if response.waveforms is not None and (remark := system.shunt.remark(response.waveforms.event_names)):
         response = _with_remark(response, remark)
+    if response.waveforms is not None and response.harvested_power == 0:
+        why = system.shunt.why_nothing(response.waveforms.event_names, response.voltage_amplitude)
+        response = _with_remark(response, why)
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")

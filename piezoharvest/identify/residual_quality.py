@@ -16,6 +16,8 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.result import Quality, RecordQuality
 
+MOST_SAMPLES = 1 << 17  # of an impulse response, which has decayed after so many
+
 
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
     """Residuals of each record."""
@@ -62,10 +64,17 @@ def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
 
 
 def _expected_rms(data: Data, found: Fit) -> dict[str, float]:
-    """Standard deviation of residuals from noise alone, that of the drive included."""
-    frequencies = np.fft.rfftfreq(min(len(data), 4096), data.setting.sample_time)
+    """Standard deviation of residuals from noise alone, that of the drive included.
+
+    The response to the noise of the drive builds up from the beginning of the record, before which none was measured:
+    the n-th sample has that of n samples of noise, its variance the sum of as many squares of the impulse response.
+    """
+    count = len(data)
+    frequencies = np.fft.rfftfreq(min(2 * count, MOST_SAMPLES), data.setting.sample_time)
     gain = gain_of(replace(found.model, parameters=()).prediction(data), data.channels, frequencies)
-    passed = (np.abs(gain) ** 2).mean(axis=0) * found.noise.sigma.get(data.drive, 0.0) ** 2
+    impulse = np.fft.irfft(gain, axis=0)[:count]
+    share = 1.0 - np.arange(len(impulse)) / count  # of the samples that this part of the response has reached
+    passed = share @ impulse**2 * found.noise.sigma.get(data.drive, 0.0) ** 2
     own = [found.noise.sigma[channel] ** 2 for channel in data.channels]
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))
 

@@ -32,6 +32,8 @@ class Signal:
         Source of the values; the column is empty if they follow from the sample rate.
     first_row : int or (n,) array of int
         Row of the first sample in the file, counted from 1, or of each if their rows are not consecutive.
+    reverse : str
+        Keys in [channels] with which the values have the other sign, as text.
     """
 
     values: np.ndarray
@@ -39,6 +41,7 @@ class Signal:
     file: str
     column: str
     first_row: int | np.ndarray
+    reverse: str = "gain = -1"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from piezoharvest.readers.units import bracketed
@@ -126,6 +126,8 @@ def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
         return NONE
     if isinstance(value, list | tuple) and value and all(isinstance(v, int | float) for v in value):
         return listed(value, unit or "", digits)
+    if isinstance(value, Mapping) and "currents" in value:  # a curve
+        return f"{len(value['currents'])} points"
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return str(value)
     return engineering(float(value), unit or "", digits, exact=True)

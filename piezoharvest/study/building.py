@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from piezoharvest.description import effects, excitation, shunts
-from piezoharvest.description.catalogue.parts import SORTS, with_parts
+from piezoharvest.description.catalogue.parts import SORTS, sort_of, sorts_of, with_parts
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.kinds import PARTS, in_a_path, kinds_of
 from piezoharvest.description.effects.nameless.law import Law
@@ -41,6 +41,7 @@ def build_shunt(table: Any, where: str = "shunt", transducer: Transducer | None 
     number, capacitance = keys.get("electrode", 0), None
     if transducer is not None and type(number) is int and 0 <= number < len(transducer.all_electrodes):
         capacitance = transducer.all_electrodes[number].capacitance
+    _check_parts_keys(keys, where)
     for option in (sort.option for sort in SORTS.values()):
         if option is not None and isinstance(keys.get(option.key), str):
             keys[option.key] = in_si(keys[option.key], option.unit, f"{where}.{option.key}")
@@ -49,6 +50,15 @@ def build_shunt(table: Any, where: str = "shunt", transducer: Transducer | None 
     except ParameterError as error:
         raise error.within(where) from None
     return build(cls, keys, where)
+
+
+def _check_parts_keys(table: Mapping[str, Any], where: str) -> None:
+    """Raise `ParameterError` where a part of the catalogue is named by a key for something else."""
+    for key, value in table.items():
+        right = sort_of(value)
+        if right is not None and key != right and key != "netlist":
+            found = f"found {value!r}, which is a {SORTS[right].doc} of the catalogue"
+            raise ParameterError(f"{where}.{key}", f"{found}: {right} = {value!r} names it")
 
 
 def build_effect(name: str, table: Any, where: str) -> Effect:
@@ -205,7 +215,9 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
     name, *inner = map(str, first["loc"])
     fields = {key_of(field): field for field in dataclasses.fields(cls) if field.init}
     if first["type"] == "extra_forbidden":
-        return unknown(name, name, fields, "key")
+        named = sorts_of(fields) if issubclass(cls, Shunt) else {}
+        options = [sort.option.key for sort in named.values() if sort.option]
+        return unknown(name, name, [*fields, *named, *options], "key")
     field = fields[name]
     hint = without_none(get_type_hints(cls)[field.name])
     if first["type"] != "missing" and inner:

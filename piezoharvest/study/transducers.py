@@ -13,7 +13,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.study.building import build
 from piezoharvest.study.toml_file import StudyError, check_kind_of_file, read_toml
-from piezoharvest.study.words import typed, unknown
+from piezoharvest.study.words import not_in_catalogue, typed, unknown
 
 _SPECIMEN_TABLES = (
     "title", "transducer", "standard_errors", "covariance", "not_identifiable", "measurement", "source", "parameters",
@@ -29,7 +29,7 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
     if "catalogue" in table:
         name = table.pop("catalogue")
         if not isinstance(name, str) or name not in catalogue.names():
-            raise unknown(f"{where}.catalogue", name, catalogue.names())
+            raise not_in_catalogue(f"{where}.catalogue", name, catalogue.names())
         for key in sorted(_FIGURES & set(table)):
             raise ParameterError(f"{where}.{key}", "found together with catalogue, only one of the two may be given")
         table = catalogue.merged(_with_figures(catalogue.transducer_table(name), where), table)

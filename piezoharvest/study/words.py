@@ -37,9 +37,19 @@ def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> Parame
     return ParameterError(key, f"{found} are {', '.join(names)}")
 
 
+def not_in_catalogue(key: str, name: Any, known: Iterable[str]) -> ParameterError:
+    """Error for a name that the catalogue does not have, with similar ones instead of all of them."""
+    found = f"found {shown_value(name)}{did_you_mean(name, known)}"
+    return ParameterError(key, f"{found}, must be a name that `piezoharvest catalogue` lists")
+
+
 def shortened(text: str, most: int = 450) -> str:
-    """A part of a message, which may be arbitrarily long in a file, shortened."""
-    return text if len(text) <= most else f"{text[: most - 150]} ... {text[-145:]}"
+    """A part of a message, which may be arbitrarily long in a file, shortened between two words where it has some."""
+    if len(text) <= most:
+        return text
+    head, tail = text[: most - 150], text[-145:]
+    head, tail = head.rpartition(" ")[0] or head, tail.partition(" ")[2] or tail
+    return f"{head} ... {tail}"
 
 
 def shown_value(value: Any) -> str:

@@ -1,6 +1,7 @@
 """Device properties and fields that are held: all candidates are compared with the same diodes and coils."""
 
 import math
+import re
 
 import pytest
 
@@ -70,6 +71,21 @@ def test_curves_of_one_template_are_those_of_all_that_can_have_them(host, run):
         "parallel_sshi", "series_sshi",
     }  # fmt: skip
     assert "rectifier: assumed diode_curve as in the study's parallel_sshi" in "\n".join(result.notes)
+
+
+def test_circuits_with_straight_diodes_have_those_of_the_curve_at_their_own_current(host, run):
+    """They were ideal beside real ones; a coil passes the charge of its electrodes in a fraction of the period."""
+    diodes = VoltageCurve(currents=(0.0, 1e-5, 1e-2), voltages=(0.0, 0.2, 0.5))
+    study = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5, diode_curve=diodes)
+    kinds = ("rectifier", "self_powered_sshi", "dssh", "sece")
+    result = run(host(0.025, 50), 50.3, shunts=[study], candidates=kinds, phase_lag="fixed")
+    for kind, shunt in shunts_of(result).items():
+        if kind != "rectifier":
+            assert 0.2 < shunt.diode_drop + shunt.diode_resistance * 1e-3 < 0.5
+    assert any(
+        re.match("dssh: assumed diodes of 0.*as in the study's rectifier at 0.* A", note) for note in result.notes
+    )
+    assert not any("ideal diodes" in note or "same devices" in note for note in result.notes)
 
 
 def test_a_template_of_the_kind_says_otherwise(host, run):

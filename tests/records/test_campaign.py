@@ -9,6 +9,7 @@ from messages import is_sentence
 from record_cases import stack_sine
 from scipy.io import savemat
 
+from piezoharvest.cli import MOST_ERRORS, main
 from piezoharvest.description.shunts import Open, Resistor, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.linear import TwoPort, frequency_response
@@ -329,6 +330,55 @@ class TestWrong:
                                    "numbers (and 1 more error)")  # fmt: skip
         assert [finding.channel for finding in error.campaign.errors] == ["voltage", "current"]
         assert len(error.campaign.records) == 1
+
+    def test_the_command_tells_every_error_in_its_own_line(self, tmp_path, columns, capsys):
+        columns["voltage_V"][[10, 11]] = np.nan
+        columns["current_A"][7] = np.inf
+        with pytest.raises(CampaignError):
+            load(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert main(["identify", str(tmp_path / "campaign.toml")]) == 2
+        first, second = capsys.readouterr().err.splitlines()
+        assert "voltage, rows 12-13" in first
+        assert second.startswith(f"piezoharvest: error: {tmp_path / 'run.csv'}: current, row 9: found 1 value ")
+
+    def test_very_many_errors_are_counted(self, tmp_path, columns, capsys):
+        columns["voltage_V"][10] = np.nan
+        with pytest.raises(CampaignError):
+            load(tmp_path, TRANSDUCER + 30 * RECORD, run_csv=columns)
+        assert main(["diagnose", str(tmp_path / "campaign.toml")]) == 2
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == MOST_ERRORS + 2
+        assert lines[-1] == "piezoharvest: error: 9 more of them are not shown"
+
+
+# Columns by unit of the header, keys in [channels] and what is to be written there for a voltage of the other sign.
+REVERSED = [
+    ("voltage_V", "", 'unit = "V", gain = -1'),
+    ("voltage (mV)", "", 'unit = "V", gain = -0.001'),
+    ("voltage (mV)", 'unit = "mV"', 'unit = "mV", gain = -1'),
+    ("voltage_V", "gain = 0.001", 'unit = "V", gain = -0.001'),
+    ("voltage_V", 'unit = "mV", gain = 0.5, offset = 20.0', 'unit = "mV", gain = -0.5, offset = -20'),
+]
+
+
+@pytest.mark.parametrize(("column", "keys", "advice"), REVERSED)
+def test_what_is_advised_for_a_wrong_sign_is_right_as_it_stands(tmp_path, columns, column, keys, advice):
+    """With the unit and the gain that the channel has, from the campaign or from its file."""
+    si, gain = ("mV" not in column + keys) or 1e-3, 1.0
+    if "gain" in keys:
+        gain = 0.5 if "offset" in keys else 1e-3
+    raw = (-columns.pop("voltage_V") / (1.0 if si is True else si) - 20.0 * ("offset" in keys)) / gain
+    columns = {**columns, column: raw}
+
+    def text(*keys):
+        inside = ", ".join([f"column = {column!r}", *filter(None, keys)])
+        return f"{TRANSDUCER}[channels]\nvoltage = {{ {inside} }}\n{RECORD}"
+
+    error = failure(tmp_path, text(keys), run_csv=columns)
+    assert error.channel == "voltage"
+    assert f"voltage = {{ {advice} }}" in error.message
+    right = load(tmp_path, text(advice), run_csv=columns)
+    assert right.errors == ()
 
 
 FREQUENCIES = np.geomspace(1.0, 400.0, 60)

@@ -377,6 +377,15 @@ class TestAgainstTheModel:
         finding = only(with_values(of, **{channel: -of[channel]}), device, "sign", channel, "error")
         assert finding.rows == everything(of)
 
+    def test_leads_of_the_other_polarity_are_one_fault_with_two_cures(self):
+        """Which lead is the positive one is free: a coupling below zero is as right as gains below zero."""
+        of, device = stack_sine()
+        turned = with_values(of, voltage=-of["voltage"], current=-of["current"])
+        finding = only(turned, device, "sign", "voltage", "error")
+        for part in ("voltage and current", "coupling below zero", "voltage = {", "current = {"):
+            assert part in finding.message
+        assert check(turned, device.reversed_leads) == ()
+
     def test_sign_of_the_drive(self):
         of, device = stack_sine()
         only(with_values(of, force=-of["force"]), device, "sign", "force", "error")

@@ -84,7 +84,8 @@ def test_every_coil_can_be_simulated(name):
 @pytest.mark.parametrize(
     ("table", "key"),
     [
-        ({"kind": "ssdi", "coil": "SDR0503-103JL"}, "coil"),  # of an unknown capacitance
+        ({"kind": "ssdi", "coil": "SDR0503-103JL"}, "switch"),
+        ({"kind": "ssdi", "coil": "SDR0503-103JL", "switch": "2N7002W"}, "coil"),  # of an unknown capacitance
         ({"kind": "ssdi", "coil": "SDR0503-103KL"}, "coil"),
         ({"kind": "resistor", "resistance": 1.0, "coil": "SDR0503-103JL"}, "coil"),
         ({"kind": "series_rl", "resistance": 1.0, "coil": "SDR0503-103JL", "inductance": 1.0}, "inductance"),
@@ -102,6 +103,30 @@ def test_a_part_that_cannot_be_is_told(table, key):
         build_shunt(table)
     assert caught.value.key == f"shunt.{key}"
     assert is_sentence(caught.value.message)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "name", "right"),
+    [
+        ("rectifier", "smoothing_capacitance", "TAJB106K016", "capacitor"),
+        ("rectifier", "diodes", "BAT54", "diode"),
+        ("rectifier", "diode_drop", "BAT54", "diode"),
+        ("parallel_sshi", "inductance", "SDR0503-103JL", "coil"),
+        ("sece", "mosfet", "2N7002W", "switch"),
+    ],
+)
+def test_the_key_that_names_a_part_is_told(kind, wrong, name, right):
+    with pytest.raises(ParameterError, match=f"{right} = '{name}' names it") as caught:
+        build_shunt({"kind": kind, wrong: name})
+    assert caught.value.key == f"shunt.{wrong}"
+    assert is_sentence(caught.value.message)
+
+
+def test_keys_that_describe_another_part_are_told():
+    with pytest.raises(ParameterError, match=r"found '10 uF'.*another one is described by smoothing_capacitance"):
+        build_shunt({"kind": "rectifier", "capacitor": "10 uF", "load_resistance": 1.0})
+    with pytest.raises(ParameterError, match=r"unknown key \(did you mean 'diode'\?\), known keys are capacitor"):
+        build_shunt({"kind": "rectifier", "diodes": "1N5822", **SIDE})
 
 
 def test_a_coil_that_does_not_swing_is_told():

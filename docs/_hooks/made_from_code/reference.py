@@ -215,7 +215,7 @@ def _shunt(kind: str, cls: type) -> str:
         named.append((f"`{key}`", "", "", ", ".join(bought.parts(key)), f"{sort.doc} whose {gives} are taken"))
         if sort.option:
             option, unit, usual, doc = sort.option
-            named.append((f"`{option}`", unit, f"`{usual:g}`", "a number greater than 0", doc))
+            named.append((f"`{option}`", unit, "" if usual is None else f"`{usual:g}`", "a number greater than 0", doc))
     inner = [(key.name, component_in(key.hint)) for key in keys_of(cls)]
     tables = [_linked(f"[shunts.{name}]", part) for name, part in inner if part not in (None, shunts.Shunt)]
     return "\n".join([

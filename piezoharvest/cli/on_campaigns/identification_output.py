@@ -9,6 +9,22 @@ if TYPE_CHECKING:
     from piezoharvest.identify.result import Quality
 
 
+MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
+
+
+def above_noise(found: Identification) -> list[str]:
+    """Warnings about channels whose residuals are more than noise."""
+    return [
+        f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
+        "lacks something, and parameters may be off by more than their standard errors: piezoharvest diagnose looks "
+        "for it"
+        for role, quality in (("fitted", found.fit), ("validation", found.validation))
+        for channel, noise in quality.noise.items()
+        # The noise of a response depends on frequency: the fit warns of it itself.
+        if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise
+    ]
+
+
 def identification_json(found: Identification) -> dict[str, Any]:
     """Result as a table of the JSON output."""
     return {
@@ -16,7 +32,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
         "converged": found.converged,
         "message": found.message,
         "trusted": not found.doubts,
-        "warnings": [*found.doubts, *found.warnings],
+        "warnings": [*found.doubts, *found.warnings, *above_noise(found)],
         "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
         "fit": _quality(found.fit),
         "validation": _quality(found.validation),

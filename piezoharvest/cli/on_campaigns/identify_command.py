@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note
-from piezoharvest.cli.on_campaigns.identification_output import identification_json
+from piezoharvest.cli.on_campaigns.identification_output import above_noise, identification_json
 from piezoharvest.cli.on_campaigns.running import on_campaign
 
 if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
-
-MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 
 
 def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
@@ -47,16 +45,7 @@ def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | Non
 
 def remarks(found: Identification) -> list[str]:
     """Reservations about the result."""
-    texts = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
-    for role, quality in (("fitted", found.fit), ("validation", found.validation)):
-        texts += [
-            f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
-            "lacks something; piezoharvest diagnose looks for it"
-            for channel, noise in quality.noise.items()
-            # The noise of a response depends on frequency: reported above.
-            if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise
-        ]
-    return texts
+    return [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings, *above_noise(found)]
 
 
 def _remark(estimate: Estimate) -> str:

@@ -193,6 +193,10 @@ class Shunt(Component):
         """What a user has to know of a run in which there were these events, or nothing."""
         return ""
 
+    def why_nothing(self, events: Collection[str], voltage: float) -> str:
+        """Why nothing is harvested in a run with these events and this amplitude (V) at the electrodes, or nothing."""
+        return ""
+
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the dc side, V; zero if there is none."""
         return 0.0 * port.one
@@ -201,6 +205,11 @@ class Shunt(Component):
     def mirrored(configuration: str) -> str:
         """Configuration with all signs reversed."""
         return configuration.translate(_MIRROR)
+
+
+def too_low(voltage: float, against: str) -> str:
+    """Text for an amplitude (V) of the electrodes that is too low for something."""
+    return f"nothing is harvested: an amplitude of {voltage:.4g} V at the electrodes is not enough for {against}"
 
 
 @dataclass(frozen=True, kw_only=True)

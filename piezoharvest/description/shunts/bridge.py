@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Collection
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
@@ -11,7 +12,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_kind, described, quantity
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import Shunt, too_low
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.storage import Storage
 
@@ -123,6 +124,17 @@ class Bridge(Shunt):
                 f"found {' and '.join(given) or 'no dc side'}, "
                 "give smoothing_capacitance with load_resistance or a table storage, or dc_voltage alone",
             )
+
+    def why_nothing(self, events: Collection[str], voltage: float) -> str:
+        if self.dc_voltage == 0:
+            return "nothing is harvested: dc_voltage is 0 V, to which no power is delivered"
+        if self.storage is not None and self.storage.power and "supply turns on" not in events:
+            return f"nothing is harvested: the supply is not on, whose turn_on is {self.storage.turn_on:g} V"
+        if "diodes conduct" not in events:
+            against = [] if self.dc_voltage is None else [f"dc_voltage = {self.dc_voltage:g} V"]
+            against += ["the drops of the diodes"] if self.path_drop or self.diode_curve is not None else []
+            return too_low(voltage, f"{' and '.join(against)}, so that no diode conducts") if against else ""
+        return ""
 
     def bridge_states(self) -> tuple[State, ...]:
         """The smoothing capacitor's voltage, if there is one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import too_low
 from piezoharvest.description.shunts.bridge import sign_of
 from piezoharvest.description.shunts.real_coil import RealCoil, WoundCoil
 
@@ -39,6 +41,10 @@ class Extraction(WoundCoil):
     def extraction_states(self, capacitance: float) -> tuple[State, ...]:
         """States of the coil."""
         return self.coil(capacitance).states(self.efficiency)
+
+    def why_nothing(self, events: Collection[str], voltage: float) -> str:
+        drops = f"the drops of the diodes ({self.diode_drop:g} V each)"
+        return too_low(voltage, drops) if self.diode_drop and self.efficiency else ""
 
     def extracting(self, name: str) -> tuple[str, ...]:
         """Configurations of an extraction: the bridge conducts with one of both signs, or blocks.

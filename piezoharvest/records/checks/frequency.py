@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.records.checks.model import ELECTRIC
 from piezoharvest.records.checks.raw import ALLOWED_MAGNITUDES, impossible_magnitudes
 from piezoharvest.records.checks.score import MAX_FACTOR
 from piezoharvest.records.expectation import impedances, transfers
@@ -81,7 +82,13 @@ def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[
         yield from _found(record, "unit", "response", everything, what, allowed)
     if opposed:
         what = "values against what the nominal model gives"
-        yield from _found(record, "sign", "response", everything, what, "those of its sign; likely a wrong sign")
+        between = (record.input in ELECTRIC) != (record.output in ELECTRIC)
+        leads = (
+            " or leads of the other polarity, for which the coupling in [transducer] is below zero" if between else ""
+        )
+        yield from _found(
+            record, "sign", "response", everything, what, f"those of its sign; likely a wrong sign{leads}"
+        )
 
 
 def _times(ratio: float) -> str:

@@ -7,7 +7,7 @@ with the drive and above its own noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -21,7 +21,7 @@ from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
 
-_SIGN_HINT = "likely a wrong sign, which a gain below zero in [channels] corrects"
+ELECTRIC = ("voltage", "current")  # channels whose sign is that of the leads
 _MIN_STEP = 0.2  # of the drive's range from one sample to the next
 
 
@@ -34,7 +34,7 @@ def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> I
         yield _finding(record, "swapped", swapped[0], _swap_message(*swapped))
         scores = {} if record.drive in swapped else {c: score for c, score in scores.items() if c not in swapped}
     yield from _wrong_units(record, scores)
-    yield from _wrong_signs(record, scores)
+    yield from _wrong_signs(record, scores, lambda: _with_other_polarity(record, spectra, transducer))
     over = ("voltage", "current") if _over_between_samples(record, transducer) else ()
     for channel, score in scores.items():
         if score.too_small and not score.judged and channel not in over:
@@ -105,19 +105,44 @@ def _prefix(factor: float) -> str:
     return prefix if abs(power - 3 * round(power / 3)) < 1 else ""
 
 
-def _wrong_signs(record: Record, scores: Mapping[str, Score]) -> Iterator[Finding]:
-    """Findings for channels of the opposite sign to the prediction; for the drive, if all are."""
-    opposed = [channel for channel, score in scores.items() if score.reversed]
-    if len(opposed) > 1 and len(opposed) == sum(score.judged for score in scores.values()):
+def _with_other_polarity(record: Record, spectra: Spectra, transducer: Transducer) -> bool:
+    """True if all responses have the right sign once the leads are exchanged."""
+    turned = transducer.reversed_leads
+    scores = scores_of(record, {channel: spectra[channel] for channel in record.signals}, spectra, turned)
+    return not any(score.reversed for score in scores.values())
+
+
+def _wrong_signs(record: Record, scores: Mapping[str, Score], turned: Callable[[], bool]) -> Iterator[Finding]:
+    """Findings for channels of the opposite sign to the prediction; for the drive, if all are.
+
+    `turned` tells whether exchanged leads are the reason, which one finding says for all channels.
+    """
+    opposed, drive = [channel for channel, score in scores.items() if score.reversed], record.drive
+    than = f"of opposite sign to what the nominal model gives for this {_named(drive)}"
+    if not opposed:
+        return
+    if (set(opposed) <= set(ELECTRIC) or drive == "voltage") and turned():
+        gains = " and ".join(f"{c} = {{ {record.signals[c].reverse} }}" for c in ELECTRIC if c in record.signals)
+        several = " and ".join(map(_named, opposed))
         message = (
-            f"found all responses of opposite sign to what the nominal model gives for this {_named(record.drive)}"
+            f"found {several} {than}; likely the leads have the other polarity, which is free: "
+            "with a positive coupling, a positive displacement makes the voltage of open electrodes negative, so that "
+            f"a coupling below zero in [transducer] is right here, and so is {gains} in [channels]"
         )
-        yield _finding(record, "sign", record.drive, f"{message}, {_SIGN_HINT}")
+        yield _finding(record, "sign", opposed[0], message)
+        return
+    if len(opposed) > 1 and len(opposed) == sum(score.judged for score in scores.values()):
+        message = f"found all responses {than}, {_sign_hint(record, drive)}"
+        yield _finding(record, "sign", drive, message)
         return
     for channel in opposed:
-        message = f"found values of opposite sign to what the nominal model gives for this {_named(record.drive)}"
         hint = " (current is that of the load, out of the transducer)" if channel == "current" else ""
-        yield _finding(record, "sign", channel, f"{message}, {_SIGN_HINT}{hint}")
+        yield _finding(record, "sign", channel, f"found values {than}, {_sign_hint(record, channel)}{hint}")
+
+
+def _sign_hint(record: Record, channel: str) -> str:
+    """What corrects a wrong sign, with the unit and gain that the channel has already."""
+    return f"likely a wrong sign, which {channel} = {{ {record.signals[channel].reverse} }} in [channels] corrects"
 
 
 def _swap_message(one: str, other: str) -> str:

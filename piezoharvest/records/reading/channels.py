@@ -133,6 +133,13 @@ class ChannelSource(Component):
             raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {_SAME}")
         return factor
 
+    def reverse(self, si: str, stated: Unit | None) -> str:
+        """Keys that give the values the other sign, as text: a gain overrules the unit of the file, and includes it."""
+        factor = 1.0 if stated is None or self.unit else stated.factor
+        gain = -factor if self.gain is None else -self.gain
+        offset = f", offset = {-self.offset:.10g}" if self.offset else ""
+        return f'unit = "{self.unit or si}", gain = {gain:.10g}{offset}'
+
     def sigma_si(self, si: str) -> float | None:
         """Known standard deviation of the noise in the SI unit of the channel."""
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)

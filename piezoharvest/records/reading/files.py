@@ -11,6 +11,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
+from piezoharvest.readers.units import Unit
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.channels import ChannelSource
@@ -92,6 +93,11 @@ class Files(ExitStack):
         except ParameterError as error:
             key = f"{channel} (column {', '.join(columns)!r})"
             raise CampaignError(self.folder / name, key, error.message, channel=channel) from None
+
+    def unit(self, name: str, columns: Sequence[str], si: str) -> Unit | None:
+        """Unit that the file states for a channel in this SI unit, the same for all its columns."""
+        units = [self.reader(name).unit(column) for column in columns]
+        return next((unit for unit in units if unit and unit.si == si), None)
 
     def time_of(self, name: str, column: str) -> np.ndarray | None:
         """Time of a column's samples in the record's rows, in s, if the format stores it."""

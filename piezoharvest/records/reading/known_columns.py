@@ -25,6 +25,7 @@ _ANY = rf"{_ANY_TRACE}(?:impedance|admittance): ?"
 _TANGENT = r"tan ?\(?\u03b4\)?"
 _SIEMENS = r"(?: ?[(\[](?:s|siemens)[)\]])?(?:-data)?"
 _GAIN = rf"{_ANY_TRACE}(?:gain|frf|h1|h2|hv|transfer function|frequency response|response)(?:[:, ] ?| ?\()"
+_RATIO = r"(?:receptance|mobility|accelerance|inertance|compliance)"
 # Names without their units, in lower case, and the SI unit that the file states for them. A phase has to state it: a
 # number may be degrees or radians. A name alone, as "R", may state none.
 _NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
@@ -54,13 +55,13 @@ _NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
 # Of a frequency response, of whichever unit; a magnitude may be a level.
 _FRF_NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
     "frequency": _NAMES["frequency"],
-    "real": (re.compile(rf"real(?: part)?|re|realteil|{_GAIN}real(?: part)?\)?"), "", False),
+    "real": (re.compile(rf"(?:{_RATIO} )?real(?: part)?|re|realteil|{_GAIN}real(?: part)?\)?"), "", False),
     "imaginary": (re.compile(
-        rf"imag(?:inary)?(?: part)?|im|imagin\u00e4rteil|{_GAIN}imag(?:inary)?(?: part)?\)?"), "", False),
+        rf"(?:{_RATIO} )?imag(?:inary)?(?: part)?|im|imagin\u00e4rteil|{_GAIN}imag(?:inary)?(?: part)?\)?"), "", False),
     "magnitude": (re.compile(
         rf"mag(?:nitude)?\.?|amp(?:litude|l\.)?|gain|abs|betrag|h1|h2|hv|frf|{_ANY_TRACE}gain|{_GAIN}mag(?:nitude)?"
-        r"|receptance|mobility|(?:accelerance|inertance)"), "", False),
-    "phase": (re.compile(rf"phase|phase angle|phasenwinkel|angle|tr\d+: gain|{_GAIN}phase"), "rad", True),
+        rf"|\|?{_RATIO}\|?(?: (?:mag(?:nitude)?|amp(?:litude)?|abs)\.?)?"), "", False),
+    "phase": (re.compile(rf"(?:{_RATIO} )?phase|phase angle|phasenwinkel|angle|tr\d+: gain|{_GAIN}phase"), "rad", True),
     "coherence": (re.compile(r"coherence|koh\u00e4renz|coh\.?|gamma\^?2"), "", False),
 })  # fmt: skip
 

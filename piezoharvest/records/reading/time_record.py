@@ -123,13 +123,20 @@ class TimeRecordReader:
     def _signal(self, channel: str) -> Signal:
         name, raw = self.file(channel), self.values.pop(channel)
         values = raw if channel == "time" else self._si(channel, raw)
-        sigma = self.sources[channel][0].sigma_si(UNITS[channel]) if channel in self.sources else None
-        return Signal(values, sigma, name, ", ".join(self.columns.get(channel, [])), self.files.reader(name).numbering)
+        source, columns = self._source(channel), self.columns.get(channel, [])
+        if channel == "time":
+            return Signal(values, None, name, ", ".join(columns), self.files.reader(name).numbering)
+        reverse = source.reverse(UNITS[channel], self.files.unit(name, columns, UNITS[channel]))
+        sigma = source.sigma_si(UNITS[channel])
+        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse)
+
+    def _source(self, channel: str) -> ChannelSource:
+        return self.sources[channel][0] if channel in self.sources else ChannelSource()
 
     def _si(self, channel: str, raw: np.ndarray) -> np.ndarray:
         """Values in the channel's SI unit."""
-        source = self.sources[channel][0] if channel in self.sources else ChannelSource()
-        return self.files.to_si(self.file(channel), channel, self.columns.get(channel, []), source, raw, UNITS[channel])
+        columns = self.columns.get(channel, [])
+        return self.files.to_si(self.file(channel), channel, columns, self._source(channel), raw, UNITS[channel])
 
     def _clock(self) -> None:
         """Set the times, in s, from a column, from the format, or from the sample rate."""

@@ -42,6 +42,7 @@ _WORDS: Mapping[str, str] = MappingProxyType({
 _BASE = "base_acceleration"
 _MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
+LEVEL = "dB"
 _LEAST_COUNTED = 2  # samples whose numbers are consecutive
 _OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
 _RATIOS = {
@@ -63,7 +64,8 @@ class FoundFile:
     columns : mapping of str to (str or int)
         Column of each channel that was recognised, as a campaign names it; times that the format stores have none.
     units : mapping of str to str
-        Unit that the file states for it, "" if none, `OTHER_UNIT` where it is not the channel's.
+        Unit that the file states for it, "" if none, `OTHER_UNIT` where it is not the channel's, `LEVEL` for one in
+        decibels without what 0 dB is.
     values : mapping of str to array (n,)
         Recognised channels over time in SI units, "time" among them if the file has any; "frequency" and "response" of
         a frequency response that needs nothing more to be read.
@@ -123,7 +125,9 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
     parts = {part: known_column(reader, part, "frf") for part in RESPONSE_COLUMNS["frf"]}
     defaults = (*RESPONSE_COLUMNS["frf"].values(), "phase_deg")
-    columns: dict[str, str | int] = {part: name for part, name in parts.items() if name and name not in defaults}
+    columns: dict[str, str | int] = {
+        part: name for part, name in parts.items() if name and (name not in defaults or _text(reader, name) == LEVEL)
+    }
     known = {column for column in (*parts.values(), *defaults) if column is not None}
     doubts = () if output else ("no column states a unit such as m/N, which would identify output and input",)
     return FoundFile(
@@ -136,6 +140,8 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
 def _text(reader: Reader, column: str | int) -> str:
     """Unit that a file states for a column, as it writes it."""
     unit = reader.unit(reader.resolve(column))
+    if unit is not None and unit.si == "dB" and not unit.of:
+        return LEVEL
     return "" if unit is None else " ".join(unit.text.split())
 
 

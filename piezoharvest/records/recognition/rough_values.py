@@ -1,12 +1,13 @@
 """Nominal values from records of a specimen of which nothing is known: linear regression of their spectra.
 
-F = (k + j w b - w^2 m) x - T v and i = -j w (C v + T x), with i the load current, are linear in what is sought. Noise
+F = k x + b x' + m x'' - T v and i = -(C v' + T x'), with i the load current, are linear in what is sought. Noise
 biases such a regression (Pintelon & Schoukens, System Identification, 2nd ed., ch. 7): good for the start of a fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import comb
 
 import numpy as np
 
@@ -16,7 +17,7 @@ _LEAST_LINES = 8  # for three to four values
 _INTEGRALS = {"displacement": 0, "velocity": 1, "acceleration": 2}  # to the displacement
 
 
-def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, float]:
+def rough_values(channels: Mapping[str, np.ndarray], rate: float, *, resonant: bool = False) -> dict[str, float]:
     """Mass, damping and stiffness, and coupling and capacitance where the records tell them.
 
     Parameters
@@ -26,6 +27,8 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
         the electrical values.
     rate : float
         Hz.
+    resonant : bool
+        Only of records in which the resonance was driven, as mass and damping are rough in others.
 
     Returns
     -------
@@ -38,26 +41,60 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
         return {}
     if not all(np.isfinite(values).all() for values in channels.values()):
         return {}
-    count = len(channels["force"])
-    window = np.hanning(count)
-    spectra = {name: np.fft.rfft(window * (values - np.mean(values))) for name, values in channels.items()}
-    s = 2j * np.pi * np.fft.rfftfreq(count, 1.0 / rate)
-    lines = _strong(spectra["force"])
-    if len(lines) < _LEAST_LINES:
+    order = _INTEGRALS[motion]
+    windowed = _Windowed({name: values - np.mean(values) for name, values in channels.items()}, rate)
+    windowed.lines = _strong(windowed.derivative("force", 0))
+    if len(windowed.lines) < _LEAST_LINES:
         return {}
-    s, at = s[lines], {name: spectrum[lines] for name, spectrum in spectra.items()}
-    x = at[motion] / s ** _INTEGRALS[motion]
-    columns = [x, s * x, s**2 * x, *([-at["voltage"]] if "voltage" in at else [])]
-    coefficients = _regressed(columns, at["force"])
-    left = at["force"] - np.column_stack(columns) @ coefficients
-    if np.linalg.norm(left) ** 2 > (1.0 - _EXPLAINED) * np.linalg.norm(at["force"]) ** 2:
+    # Both equations are differentiated as often as the motion that was measured is the displacement, and weighted back.
+    windowed.weight = order
+    force = windowed.derivative("force", order)
+    moved = [windowed.derivative(motion, n) for n in range(3)]
+    columns = [*moved, *([-windowed.derivative("voltage", order)] if "voltage" in channels else [])]
+    coefficients = _regressed(columns, force)
+    left = force - np.column_stack(columns) @ coefficients
+    if np.linalg.norm(left) ** 2 > (1.0 - _EXPLAINED) * np.linalg.norm(force) ** 2:
         return {}
     stiffness, damping, mass, *_ = coefficients
     found = {"mass": mass, "damping": damping, "stiffness": stiffness}
-    if "voltage" in at and "current" in at:
-        capacitance, coupling = _regressed([-s * at["voltage"], -s * x], at["current"])
+    driven = np.abs(windowed.s[windowed.lines]) ** 2 * mass
+    if resonant and not driven.min() < stiffness < driven.max():
+        return {}
+    if "voltage" in channels and "current" in channels:
+        charged = [-windowed.derivative("voltage", order + 1), -moved[1]]
+        capacitance, coupling = _regressed(charged, windowed.derivative("current", order))
         found |= {"coupling": coupling, "capacitance": capacitance}
     return _if_positive(found)
+
+
+class _Windowed:
+    """Spectra of derivatives of signals under the window w = sin^4, from the signals themselves.
+
+    The integral of w x' exp(-s t) is, by parts, that of (s w - w') x exp(-s t), as the window is zero at its ends with
+    its derivatives up to the third. What a motion was doing before the record is not part of it, so that a resonance
+    which is narrower than a line has its own damping (Shinbrot, Trans. ASME 79, 547-552, 1957).
+    """
+
+    def __init__(self, signals: Mapping[str, np.ndarray], rate: float):
+        self.signals, count = signals, len(next(iter(signals.values())))
+        self.angle, self.turn = 2 * np.pi * (np.arange(count) + 0.5) / count, 2 * np.pi * rate / count
+        self.s = 2j * np.pi * np.fft.rfftfreq(count, 1.0 / rate)
+        self.lines: np.ndarray | slice = slice(None)
+        self.weight = 0
+
+    def derivative(self, name: str, order: int) -> np.ndarray:
+        """Spectrum of a derivative of a signal, in the lines, over `weight` factors of the frequency."""
+        terms = (
+            comb(order, k) * self.s ** (order - k) * (-1) ** k * np.fft.rfft(self._window(k) * self.signals[name])
+            for k in range(order + 1)
+        )
+        return np.sum(list(terms), axis=0)[self.lines] / self.s[self.lines] ** self.weight
+
+    def _window(self, order: int) -> np.ndarray:
+        """Derivative of the window: of (3 - 4 cos a + cos 2 a)/8."""
+        late = order * np.pi / 2
+        waves = -4 * np.cos(self.angle + late) + 2**order * np.cos(2 * self.angle + late)
+        return self.turn**order * (waves + 3 * (order == 0)) / 8
 
 
 def rough_values_of_response(frequency: np.ndarray, response: np.ndarray, output: str) -> dict[str, float]:

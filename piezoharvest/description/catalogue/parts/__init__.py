@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 from piezoharvest.description.catalogue import content, toml_files
-from piezoharvest.description.diode import exponential_diode
+from piezoharvest.description.diode import exponential_curve, exponential_diode
 from piezoharvest.description.parameters import ParameterError, check_choice
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.curves.curved import takes_diode_curve
 
-# A, peak: some volts across the impedance of some 10 nF at some 10 Hz, as most harvesters have.
-USUAL_CURRENT = 1e-4
 USUAL_SUPPLY = 3.0  # V: two cells, or what a buck converter of a sensor node delivers
 # Units of what the files have, but of `count`.
 UNITS = {
@@ -23,12 +23,20 @@ UNITS = {
 
 
 class Option(NamedTuple):
-    """A key of a shunt beside the name of a part, a number greater than 0."""
+    """A key of a shunt beside the name of a part, a number greater than 0; `usual` is None where it has no default."""
 
     key: str
     unit: str
-    usual: float
+    usual: float | None
     doc: str
+
+
+class Place(NamedTuple):
+    """Where a part is: the class of the shunt, its table, and the clamped capacitance (F) where it is known."""
+
+    cls: type[Shunt]
+    table: Mapping[str, Any]
+    capacitance: float | None
 
 
 class Sort(NamedTuple):
@@ -45,8 +53,7 @@ class Sort(NamedTuple):
     keys : tuple of str
         Keys of the shunt that stand for the part.
     values : callable
-        These keys from the part, the option's value, the clamped capacitance (F, or None where it is not known) and the
-        class of the shunt.
+        These keys from the part, the option's value and the place.
     option : Option, optional
     """
 
@@ -54,26 +61,38 @@ class Sort(NamedTuple):
     doc: str
     needed: tuple[str, ...]
     keys: tuple[str, ...]
-    values: Callable[[Mapping[str, Any], float | None, float | None, type], Mapping[str, float]]
+    values: Callable[[Mapping[str, Any], float | None, Place], Mapping[str, Any]]
     option: Option | None = None
 
 
-def _diode(part: Mapping[str, Any], current: float | None, capacitance: float | None, cls: type) -> dict[str, float]:
-    """The straight line that is best over a half sine of the current, and the conductance backwards."""
-    assert current is not None  # or the usual one
-    laws = (part[key] for key in ("saturation_current", "emission", "series_resistance"))
-    try:
-        line = exponential_diode(*laws, peak_current=current)
-    except ParameterError as error:
-        raise ParameterError("diode_current", error.message) from None
-    return {**line.keys, "diode_leakage": part["reverse_conductance"]}
+def _diode(part: Mapping[str, Any], current: float | None, place: Place) -> dict[str, Any]:
+    """The law as a broken line, or as the straight one for a current, and the conductance backwards."""
+    law = [part[key] for key in ("saturation_current", "emission", "series_resistance")]
+    backwards = {"diode_leakage": part["reverse_conductance"]}
+    if current is not None:
+        try:
+            line = exponential_diode(*law, peak_current=current)
+        except ParameterError as error:
+            raise ParameterError("diode_current", error.message) from None
+        constant = "diode_resistance" not in place.cls.__dataclass_fields__
+        return {**line.keys, **backwards, **({"diode_drop": line.mean_drop(current)} if constant else {})}
+    if "storage" in place.table or not takes_diode_curve(place.cls):
+        where = "with storage" if "storage" in place.table else "in this kind of shunt"
+        needed = 'give the peak of the current to which it is fitted, such as "1 mA"'
+        raise ParameterError("diode_current", f"missing key, {where} a diode is a straight line: {needed}")
+    curve = exponential_curve(*law)
+    return {"diode_curve": {"currents": [*curve.currents], "voltages": [*curve.voltages]}, **backwards}
 
 
-def _coil(part: Mapping[str, Any], option: float | None, capacitance: float | None, cls: type) -> dict[str, float]:
+def _coil(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
     """As it is where a kind has a winding; where it has a quality, sqrt(L/C)/R."""
     found = {key: part[key] for key in ("inductance", "winding_resistance", "self_resonance")}
-    if "winding_resistance" in cls.__dataclass_fields__:
+    capacitance = place.capacitance
+    if "winding_resistance" in place.cls.__dataclass_fields__:
         return found
+    if not {"switch", "switch_resistance"} & set(place.table):
+        found = "missing key, the winding of a coil by name is charged through a switch"
+        raise ParameterError("switch", f'{found}: name one, such as "2N7002W", or give switch_resistance')
     if capacitance is None:
         message = "found where the clamped capacitance is not known: give inductance and quality = sqrt(L/C)/R instead"
         raise ParameterError("coil", message)
@@ -84,9 +103,9 @@ def _coil(part: Mapping[str, Any], option: float | None, capacitance: float | No
     return {**found, "quality": quality}
 
 
-def _capacitor(part: Mapping[str, Any], option: float | None, capacitance: float | None, cls: type) -> dict[str, float]:
+def _capacitor(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
     """With its leakage as a conductance; that of several in series is smaller."""
-    leakage = part["leakage_current"] / part["rated_voltage"] / getattr(cls, "capacitors", 1)
+    leakage = part["leakage_current"] / part["rated_voltage"] / getattr(place.cls, "capacitors", 1)
     return {
         "smoothing_capacitance": part["capacitance"],
         "smoothing_resistance": part["series_resistance"],
@@ -94,15 +113,13 @@ def _capacitor(part: Mapping[str, Any], option: float | None, capacitance: float
     }
 
 
-def _switch(part: Mapping[str, Any], option: float | None, capacitance: float | None, cls: type) -> dict[str, float]:
+def _switch(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
     """All transistors in line; each gate is charged anew for every action."""
     energy = part["gate_charge"] * part["gate_voltage"]
     return {"switch_resistance": part["count"] * part["on_resistance"], "gate_energy": part["count"] * energy}
 
 
-def _comparator(
-    part: Mapping[str, Any], supply: float | None, capacitance: float | None, cls: type
-) -> dict[str, float]:
+def _comparator(part: Mapping[str, Any], supply: float | None, place: Place) -> dict[str, float]:
     """Its delay, and what it takes from its supply."""
     assert supply is not None  # or the usual one
     return {"time_lag": part["delay"], "control_power": part["supply_current"] * supply}
@@ -110,8 +127,8 @@ def _comparator(
 
 SORTS: Mapping[str, Sort] = {
     "diode": Sort(
-        "diodes", "diode", ("diode_drop",), ("diode_drop", "diode_resistance", "diode_leakage"), _diode,
-        Option("diode_current", "A", USUAL_CURRENT, "peak of its current"),
+        "diodes", "diode", ("diode_drop",), ("diode_drop", "diode_resistance", "diode_leakage", "diode_curve"), _diode,
+        Option("diode_current", "A", None, "peak of its current, for which it is a straight line instead of a curve"),
     ),
     "coil": Sort(
         "coils", "coil", ("winding_resistance", "quality"),
@@ -142,7 +159,7 @@ def sorts_of(fields: Collection[str]) -> dict[str, Sort]:
     return {key: sort for key, sort in SORTS.items() if any(needed in fields for needed in sort.needed)}
 
 
-def with_parts(table: Mapping[str, Any], cls: type, capacitance: float | None = None) -> dict[str, Any]:
+def with_parts(table: Mapping[str, Any], cls: type[Shunt], capacitance: float | None = None) -> dict[str, Any]:
     """Keys of a shunt in which those of parts replace their names, as far as the kind has them.
 
     Parameters
@@ -165,7 +182,7 @@ def with_parts(table: Mapping[str, Any], cls: type, capacitance: float | None = 
     return values
 
 
-def _with_part(table: dict[str, Any], key: str, cls: type, capacitance: float | None) -> dict[str, Any]:
+def _with_part(table: dict[str, Any], key: str, cls: type[Shunt], capacitance: float | None) -> dict[str, Any]:
     """The same for parts of one sort."""
     sort, option, fields = SORTS[key], SORTS[key].option, cls.__dataclass_fields__
     if key not in table:
@@ -175,13 +192,27 @@ def _with_part(table: dict[str, Any], key: str, cls: type, capacitance: float | 
     name = table.pop(key)
     if not any(needed in fields for needed in sort.needed):
         raise ParameterError(key, f"found {name!r:.60}, but this kind of shunt has no {sort.doc}")
-    check_choice(key, name, parts(key))
-    for given in sort.keys:
-        if given in table:
-            raise ParameterError(given, f"found together with {key}, which gives it too: remove one of the two")
-    number = None if option is None else _number(table.pop(option.key, option.usual), option)
-    found = sort.values(parts(key)[name], number, capacitance, cls)
+    _check_name(key, name, [own for own in sort.keys if own in fields])
+    for own in sort.keys:
+        if own in table:
+            raise ParameterError(own, f"found together with {key}, which gives it too: remove one of the two")
+    given = None if option is None else table.pop(option.key, option.usual)
+    number = None if option is None or given is None else _number(given, option)
+    found = sort.values(parts(key)[name], number, Place(cls, table, capacitance))
     return {**table, **{each: value for each, value in found.items() if each in fields}}
+
+
+def _check_name(key: str, name: Any, keys: Sequence[str]) -> None:
+    """Raise `ParameterError` unless the catalogue has a part of this name; `keys` describe another one."""
+    try:
+        check_choice(key, name, parts(key))
+    except ParameterError as error:
+        raise ParameterError(key, f"{error.message}; another one is described by {', '.join(keys)}") from None
+
+
+def sort_of(name: Any) -> str | None:
+    """Key that names a part, if the catalogue has one of this name."""
+    return next((key for key in SORTS if isinstance(name, str) and name in parts(key)), None)
 
 
 def _number(value: Any, option: Option) -> float:

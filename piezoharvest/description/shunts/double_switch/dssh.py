@@ -1,12 +1,13 @@
 """Double synchronised switch harvesting."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import too_low
 from piezoharvest.description.shunts.bridge import sign_of
 from piezoharvest.description.shunts.real_coil import WoundSwitch
 
@@ -69,6 +70,10 @@ class DSSH(WoundSwitch):
 
     def opened(self, configuration: str) -> str:
         return "open"
+
+    def why_nothing(self, events: Collection[str], voltage: float) -> str:
+        drops = f"the drops of the diodes ({self.diode_drop:g} V each)"
+        return too_low(voltage, drops) if self.diode_drop and self.efficiency else ""
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the intermediate capacitor."""
