@@ -14,6 +14,8 @@ CIRCUITS = {
     "half_wave real": {"kind": "half_wave", "dc_voltage": 1.0, **REAL},
     "doubler": {"kind": "doubler", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
     "doubler real": {"kind": "doubler", **LOAD, **REAL},
+    "mppt": {"kind": "mppt", "fraction": 0.4, **REAL},
+    "mppt without a drop": {"kind": "mppt", "fraction": 0.6, "sampling_duty": 0.1},
     "doubler dc": {"kind": "doubler", "dc_voltage": 2.0, "diode_drop": 0.1},
     "battery": {"kind": "battery", "dc_voltage": 1.0, "internal_resistance": 2e3, **REAL},
     "parallel_sshi": {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, **LOAD, **REAL},
