@@ -17,7 +17,6 @@ from piezoharvest.engine.memory.vector import LANES, copy, grow, multiply_top
 from piezoharvest.engine.motion.exact_step import ARRIVED, FOUND, propagate_exactly
 from piezoharvest.engine.motion.exponentials import FIRST_STEP_LEVEL
 from piezoharvest.engine.motion.mode_forms import DECAY_LEVEL, STIFF_LEVELS
-from piezoharvest.engine.propagation.event_free_steps import make_free_stage
 from piezoharvest.engine.propagation.recording import TIME_TOLERANCE, record_energies, record_outputs
 from piezoharvest.engine.propagation.tangents import propagate_sensitivities
 from piezoharvest.engine.work_limit import STEP_WORK, may_continue, spend_products
@@ -107,8 +106,6 @@ def propagate_mode(P, L, S, D, slot, t_stop):
     fast motion is excited, and if it is, the rates at the ends show it. Sensitivities, which no guard reads, follow at
     the end, or when they are a longest step behind.
     """
-    if L[tb.STAGED] and make_free_stage(P, L, S, D, slot, t_stop):
-        return NONE
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     growth, steps, finest = block + L[tb.GROWTH], block + L[tb.STEPS], L[slot_of(L, slot) + tb.FINEST_LEVEL]
     clock, arrived, now, then = D[st.CLOCK], vector(L, D, ARRIVED), D[st.NOW_GUARDS], D[st.THEN_GUARDS]
