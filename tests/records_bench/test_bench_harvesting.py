@@ -14,6 +14,8 @@ CIRCUITS = {
     "half_wave real": {"kind": "half_wave", "dc_voltage": 1.0, **REAL},
     "doubler": {"kind": "doubler", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
     "doubler real": {"kind": "doubler", **LOAD, **REAL},
+    "mppt": {"kind": "mppt", "fraction": 0.4, **REAL},
+    "mppt without a drop": {"kind": "mppt", "fraction": 0.6, "sampling_duty": 0.1},
     "doubler dc": {"kind": "doubler", "dc_voltage": 2.0, "diode_drop": 0.1},
     "battery": {"kind": "battery", "dc_voltage": 1.0, "internal_resistance": 2e3, **REAL},
     "parallel_sshi": {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, **LOAD, **REAL},
@@ -54,3 +56,25 @@ def test_the_engine_and_the_bench_say_the_same(name):
         if np.isnan(getattr(found, signal)).all():
             continue  # no dc side
         assert error(getattr(found, signal), getattr(wanted, signal)) < 1e-6, signal
+
+
+# Its damper carries the force: its voltage is a tiny share of that of a static deflection. Under the preload the charge
+# is a hundred million times as large as the part of it that moves.
+SLUGGISH = {"mass": 360.0, "damping": 8.1e5, "stiffness": 28.0, "coupling": 4.4e-8, "capacitance": 2.8e-13}
+BREAKER = {"kind": "self_powered_sece", "inductance": 1e6, "quality": 5.0, "envelope_capacitance": 2.8e-14}
+WITHOUT_DROP = {
+    "half_wave": ({"kind": "half_wave", "dc_voltage": 1.0}, 0.0),
+    "breaker": ({**BREAKER, "threshold": 1e-5}, 0.0),
+    "breaker that never closes, preload": ({**BREAKER, "threshold": 1.0}, -6.9),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_DROP)
+def test_diodes_without_a_drop_at_a_voltage_far_below_that_of_a_static_force(name):
+    shunt, offset = WITHOUT_DROP[name]
+    drive = {"kind": "sine_force", "amplitude": 2.3, "frequency": 123.0, "offset": offset}
+    study = {"transducer": SLUGGISH, "excitation": drive, "shunts": [shunt]}
+    wanted = solve(study, transient=8 / 123.0, samples=64).waveforms
+    found = waves(drive, shunt, SLUGGISH, times=wanted.time)
+    for signal in ("displacement", "voltage"):
+        assert error(getattr(found, signal), getattr(wanted, signal)) < 1e-4, signal

@@ -13,6 +13,7 @@ from piezoharvest.bench.solver.drive import Drive
 from piezoharvest.bench.solver.model import Model, SolverError
 from piezoharvest.bench.solver.radau import NODES
 from piezoharvest.bench.solver.rest import rest
+from piezoharvest.bench.solver.sizes import charge_rounding, elastance, expected_sizes
 from piezoharvest.bench.solver.stepper import Stepper, Trial
 
 # Tolerance of the estimated local error, relative to the size of each state. The estimate is of third order and the
@@ -70,15 +71,17 @@ class Integrator:
         self.drives = drive.within(np.arange(len(lengths))[:, None], nodes[:-1, None] + lengths[:, None] * _STAGES)
         self.force = float(self.drives[0, 0])
         self.t, self.y, self.h = float(nodes[0]), rest(model, drive.rest), float(lengths.max())
-        typical = np.abs(self.drives).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
+        expected = expected_sizes(model, drive)
         least = MIN_ACTIVE if model.circuit.active else MIN_SIZE
-        self.sizes = np.maximum(np.abs(self.y), least * typical / model.scale + 1e-300)
+        rest_size = np.abs(self.y)
+        least_energy = elastance(model) ** 0.5 * charge_rounding(model, rest_size) / TOLERANCE
+        self.sizes = np.maximum(rest_size, max(least * expected.root_energy, least_energy) / model.scale)
         # Largest values at changes of branch so far of voltage, current, what the switch watches, and the rate of each
         # stop's coordinate. A current that begins at zero has its size from the voltage that drives it.
         self.peaks: dict[str | int, float] = {
-            "V": typical / math.sqrt(model.transducer.capacitance),
-            "A": 0.01 * model.circuit.surge * typical / math.sqrt(model.transducer.capacitance),
-            "S": typical * float(np.abs(model.coupling / model.mass**0.5).max()),
+            "V": expected.voltage,
+            "A": 0.01 * model.circuit.surge * expected.voltage,
+            "S": expected.turning,
         }
         self.least, self.resolution = 1e-12 * float(lengths.min()), 1e-9 * float(lengths.min())
         self.stepper = Stepper(model, self.sizes, 1e-10 * float(lengths.min()))
@@ -262,6 +265,8 @@ class Integrator:
             + ([self.peaks["S"]] * 2 if switch else [])
         )
         slack = SLACK * self.guard_sizes
+        if model.circuit.guard_unit == "V":
+            slack[: model.circuit.guard_count] += elastance(model) * charge_rounding(model, self.sizes)
         if switch:  # an extremum just passed, or not quite, is not the next one
             slack[-2:] = np.maximum(slack[-2:], [float(np.squeeze(each)) for each in switch.guards(m.turning)])
         self.stepper.allow(slack)

@@ -9,6 +9,7 @@ import numpy as np
 from piezoharvest.bench.solver.drive import Drive
 from piezoharvest.bench.solver.integrator import Integrator
 from piezoharvest.bench.solver.model import Model
+from piezoharvest.bench.solver.open_voltage import open_voltage
 from piezoharvest.description.excitation import Excitation
 
 SIGNALS = (
@@ -96,6 +97,8 @@ def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
         The equations have no solution, or not within the limit of steps.
     """
     drive = Drive(excitation, times)
+    if model.circuit.tracks:
+        model.circuit.track(open_voltage(model, excitation))
     model.circuit.driven(excitation.period)
     run = Integrator(model, drive)
     run.run()

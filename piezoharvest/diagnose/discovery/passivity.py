@@ -80,7 +80,8 @@ def price_of_passivity(table: LawFit, constant: float, slope: float) -> float:
     pieces = np.column_stack([replace(form, kinks=tuple(unit)).values(x) for unit in np.eye(len(form.kinks))])
     inside, right = table.normal
     weight = inside + np.diag(np.diag(table.found.prior)[table.tabled])
-    size = 1.0 / np.sqrt(np.diag(weight))
+    seen = np.diag(weight) > 0.0  # what no record shows is in no power
+    size = np.where(seen, 1.0 / np.sqrt(np.where(seen, np.diag(weight), 1.0)), 0.0)
     values, vectors = np.linalg.eigh(weight * np.outer(size, size))
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     found = np.linalg.lstsq(weight * np.outer(size, size), size * right, rcond=1e-13)[0]

@@ -32,6 +32,8 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, FREE_STEP, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, DIGITS, FREE_STEP_ROWS, DELAYED, CONSTANT_SHARE,
+    # 1 if the switch passes through several stages,
+    STAGED,
     # the work that is left, and the value of it at the next check (see `work_limit`).
     WORK_LEFT, NEXT_CHECK,
 ) = range(pg.CONTENTS, pg.CONTENTS + pg.ROOM)  # fmt: skip
@@ -49,14 +51,14 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     square = columns * rows
     # Distinct rows of guards; those of watched outputs begin at a register of their own.
     forms = padded(int(g + 1 + h)) + padded(pg.WATCHED)
-    sampled = head[pg.SIGNAL_KIND] == pg.RAMPS
+    sampled, staged = head[pg.SIGNAL_KIND] == pg.RAMPS, _staged(head)
     glide_rows = 2 * rows + 2 * forms + OUTPUT_ROWS
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
     sizes = {
         STEPS: LEVELS, MATRIX: square, POWERS: TERMS * square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows,
         VALUES: forms * columns, TAYLOR: forms * TAYLOR_ROWS * columns,
-        DEVIATION: forms * columns if sampled else 0,
-        FREE_STEP: glide_rows * columns if sampled else 0,
+        DEVIATION: forms * columns if sampled or staged else 0,
+        FREE_STEP: glide_rows * columns if sampled or staged else 0,
         DELAYED: 3 * forms * columns, SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
         DIGITS: -(-LEVELS // DIGIT_BITS) * LARGEST * square if sampled else 0, CONSTANT_SHARE: 1,
@@ -66,10 +68,10 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         head[place] = offset
         offset += whole_lines(int(size))
     modes = int(min(MODES, c * 2 ** min(h, 10), max(MAX_NUMBERS // offset, 1)))
-    scratch = int((ORDER + 4) * square + (LEVELS if sampled else 3) * forms * columns)
+    scratch = int((ORDER + 4) * square + (LEVELS if sampled or staged else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
-    head[GUARD_ROWS], head[FREE_STEP_ROWS] = 3 * forms, glide_rows
+    head[GUARD_ROWS], head[FREE_STEP_ROWS], head[STAGED] = 3 * forms, glide_rows, staged
     head[SCRATCH] = whole_lines(head[pg.LENGTH])
     head[TABLES] = head[SCRATCH] + whole_lines(scratch)
     head[SLOTS] = len(head)
@@ -77,6 +79,12 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     head[MAP], head[MAPPED] = len(head) + modes * slot, min(c * 2**h, MAX_MAPPED)
     lists = np.full(modes * slot, -1), np.zeros(head[MAPPED], np.int64)
     return np.concatenate([head, *lists]), int(head[TABLES] + modes * offset)
+
+
+def _staged(head: np.ndarray) -> bool:
+    """True if a stage of the switch is followed by another one."""
+    opened = head[head[pg.OPENED] :][: head[pg.C]]
+    return bool(head[pg.SWITCHED] == 1 and (opened[opened] != opened).any())
 
 
 @inlined

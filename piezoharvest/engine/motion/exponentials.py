@@ -136,13 +136,17 @@ def digits(P, L, slot):
 
 
 @compiled
-def line_deviations(P, L, slot):
+def line_deviations(P, L, slot, staged):
     """Largest deviation of a guard from the straight line over a longest step, for a unit of each second derivative.
 
     The second derivatives are z'' = A^2 z: within a step h, z leaves the line by (B(t) - t/h B(h)) A^2 z, where B(t) is
     t^2/2 + A t^3/6 + ... Motion along a line is thereby recognised, even of a displacement beside a large force that
-    keeps it constant. Evaluated at the ends of all dyadic steps and doubled: a transient may be higher between two of
-    them.
+    keeps it constant.
+
+    In a stage of the switch it is for a unit of each first derivative, by (B'(t) - t/h B'(h)) A z. Where capacitors
+    exchange charge, the second derivative of one of them would have to count as if it moved the others for good.
+
+    Evaluated at the ends of all dyadic steps and doubled: a transient may be higher between two of them.
     """
     forms, rows, columns, block = L[FORMS], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     square, size, finest = rows * columns, forms * columns, L[slot_of(L, slot) + FINEST_LEVEL]
@@ -158,7 +162,8 @@ def line_deviations(P, L, slot):
         accumulate(P, powers + k * square, h * h / ((k + 1) * (k + 2)), second, square)
     for level in range(finest, -1, -1):
         for j in range(columns):
-            multiply(P, block + L[VALUES], forms, columns, P, second + j * rows, rungs + level * size + j * forms)
+            shape = (first if staged else second) + j * rows
+            multiply(P, block + L[VALUES], forms, columns, P, shape, rungs + level * size + j * forms)
         for j in range(columns):
             multiply(P, first, rows, columns, P, first + j * rows, product + j * rows)
         accumulate(P, second, 1.0, second, square)
@@ -176,10 +181,11 @@ def line_deviations(P, L, slot):
 
 
 @compiled
-def free_step_matrix(P, L, slot):
-    """One matrix for a longest step: growth, second derivatives before, guards before and after, outputs after.
+def free_step_matrix(P, L, slot, staged):
+    """One matrix for a longest step: growth, derivatives before, guards before and after, outputs after.
 
-    Registers of guards before and after alternate, so that the last ones, of watched outputs only, may be left out.
+    The derivatives are those that `line_deviations` are for. Registers of guards before and after alternate, so that
+    the last ones, of watched outputs only, may be left out.
     """
     a, rows, columns, forms, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot)
     growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[FREE_STEP_ROWS]
@@ -187,7 +193,10 @@ def free_step_matrix(P, L, slot):
     for j in range(columns):
         here, column = block + L[FREE_STEP] + j * height, growth + j * rows
         copy(P, column, here, rows)
-        multiply(P, matrix, rows, columns, P, matrix + j * rows, here + rows)
+        if staged:
+            copy(P, matrix + j * rows, here + rows, rows)
+        else:
+            multiply(P, matrix, rows, columns, P, matrix + j * rows, here + rows)
         pairs, after = here + 2 * rows, here + 2 * rows + 2 * forms
         if j < a:
             multiply(P, values, forms, columns, P, column, L[SCRATCH])

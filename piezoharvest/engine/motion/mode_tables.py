@@ -15,6 +15,7 @@ from piezoharvest.engine.memory.tables import (
     MATRIX,
     ROOM,
     SCRATCH,
+    STAGED,
     block_of,
     mode_key,
     slot_of,
@@ -39,17 +40,19 @@ def build(P, L, D, configuration, slip):
     _motion(P, L, D, slot, configuration, slip)
     forms_of_mode(P, L, D, slot, configuration, slip)
     # A switch that stays closed, or a clock that runs, for a given time is stepped through in halves of that time.
-    longest = P[L[pg.STEP]]
-    if L[pg.SWITCHED] in (1, pg.CLOCKED) and L[L[pg.OPENED] + configuration] != configuration:
+    longest, timed = P[L[pg.STEP]], L[L[pg.OPENED] + configuration] != configuration
+    if L[pg.SWITCHED] in (1, pg.CLOCKED) and timed:
         longest = min(longest, P[L[pg.ON_TIME]] * P[L[pg.STAGE] + configuration])
     exponentials(P, L, slot, configuration, longest)
     P[block_of(L, slot) + L[CONSTANT_SHARE]] = constant_share(P, L, slot)
     bound_by_clamp(P, L, slot)
     delayed_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
-        line_deviations(P, L, slot)
         digits(P, L, slot)
-        free_step_matrix(P, L, slot)
+    staged = L[STAGED] and timed
+    if L[pg.SIGNAL_KIND] == pg.RAMPS or staged:
+        line_deviations(P, L, slot, staged)
+        free_step_matrix(P, L, slot, staged)
 
 
 @compiled

@@ -13,6 +13,7 @@ from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import QUEUE_LENGTH, set_tones
 from piezoharvest.engine.memory.tables import slot_of
 from piezoharvest.engine.propagation.event_cascade import MAX_EVENTS, process_due_events
+from piezoharvest.engine.propagation.event_free_steps import make_free_stage
 from piezoharvest.engine.propagation.propagate import propagate_mode
 from piezoharvest.engine.propagation.saltation import enter_event, leave_event
 from piezoharvest.engine.propagation.smooth_elements import process_due_events_smooth, propagate_smooth
@@ -45,6 +46,8 @@ def advance(P, L, S, D, t_end):
             begin_tape(L, S, D)
         if L[pg.ELEMENTS]:
             guard = propagate_smooth(P, L, S, D, slot, min(due, t_end))
+        elif L[tb.STAGED] and make_free_stage(P, L, S, D, slot, min(due, t_end)):
+            guard = NONE
         else:
             guard = propagate_mode(P, L, S, D, slot, min(due, t_end))
         if D[st.TAPED] < D[st.TAPE_ROOM]:

@@ -1,4 +1,4 @@
-"""Longest steps in which no guard can rise, as between most samples of a record."""
+"""Longest steps in which no guard can rise, as between most samples of a record and in most stages of a switch."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.state import set_one, set_ramp, vector
 from piezoharvest.engine.memory.tables import block_of, rows_read, slot_of
 from piezoharvest.engine.memory.vector import accumulate, copy, dot, inside, multiply_top
-from piezoharvest.engine.motion.exact_step import ARRIVED
+from piezoharvest.engine.motion.exact_step import ARRIVED, CLOCK_ROUNDING
 from piezoharvest.engine.propagation.recording import TIME_TOLERANCE, record_energies, record_outputs
+from piezoharvest.engine.propagation.tangents import propagate_sensitivities
+from piezoharvest.engine.work_limit import spend_products
 
 
 @compiled
@@ -57,6 +59,32 @@ def make_free_steps(P, L, S, D, ramps, last, piece, t_end):
         S[clock] = ends
         piece += 1
     return piece
+
+
+@compiled
+def make_free_stage(P, L, S, D, slot, t_stop):
+    """Pass through a whole stage of the switch, which ends at t_stop, if no guard comes near zero; True if it did.
+
+    As `make_free_steps`. In most stages of a flip on capacitors the voltage is far from where the diodes conduct.
+    """
+    if D[st.TRACKED] or L[L[pg.OPENED] + D[st.CONFIGURATION]] == D[st.CONFIGURATION]:
+        return False
+    clock, block, glided = S[D[st.CLOCK]], block_of(L, slot), D[st.FREE_STEP]
+    rows, columns, step = L[pg.ROWS], L[pg.COLUMNS], P[block + L[tb.STEPS]]
+    if not abs(t_stop - clock - step) <= TIME_TOLERANCE * step + CLOCK_ROUNDING * clock:
+        return False
+    forms, bends, pairs = rows_read(L, False, slot), glided + rows, glided + 2 * rows
+    spend_products(L, 3)
+    multiply_top(P, block + L[tb.FREE_STEP], L[tb.FREE_STEP_ROWS], 2 * (rows + forms), columns, S, 0, glided)
+    if not inside(P, block + L[tb.DEVIATION], L[tb.FORMS], forms, columns, S, bends, pairs, D[st.LOWER], D[st.UPPER]):
+        return False
+    if D[st.SAMPLED] < D[st.SAMPLES_WANTED] or D[st.ENERGIES]:
+        _record(P, L, S, D, slot, step)
+    if D[st.SENSITIVITIES]:
+        propagate_sensitivities(P, L, S, D, slot, step)
+    accumulate(S, glided, 1.0, 0, rows)
+    S[D[st.CLOCK]] = t_stop
+    return True
 
 
 @inlined

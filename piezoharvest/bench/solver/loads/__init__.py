@@ -6,5 +6,6 @@ from piezoharvest.bench.solver.loads.controlled import CONTROLLED
 from piezoharvest.bench.solver.loads.extraction import EXTRACTING
 from piezoharvest.bench.solver.loads.network import Network
 from piezoharvest.bench.solver.loads.switched import SWITCHED
+from piezoharvest.bench.solver.loads.tracker import MPPT
 
-CIRCUITS = UNSWITCHED | SWITCHED | EXTRACTING | CONTROLLED | BREAKING | {"network": Network}
+CIRCUITS = UNSWITCHED | SWITCHED | EXTRACTING | CONTROLLED | BREAKING | {"network": Network, "mppt": MPPT}

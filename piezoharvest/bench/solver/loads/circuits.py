@@ -39,6 +39,8 @@ class Circuit:
         It is nonlinear between events.
     active : bool
         It may feed energy into an oscillation that grows from rest.
+    tracks : bool
+        It waits to be told the open electrodes' voltage, by `track`.
     real_coil : bool
         Its coil may have a core loss and a self-resonance.
     turning, voltage : (instants,) array
@@ -52,6 +54,7 @@ class Circuit:
     switch: Switch | None = None
     smooth = False
     active = False
+    tracks = False
     real_coil = False
     turning: np.ndarray
     voltage: np.ndarray
@@ -62,6 +65,9 @@ class Circuit:
 
     def meet(self, capacitance: float) -> None:
         """Set what depends on the transducer's clamped capacitance (F)."""
+
+    def track(self, open_voltage: float) -> None:
+        """Set what depends on the peak voltage of open electrodes (V)."""
 
     def driven(self, period: float | None) -> None:
         """Set what depends on the period of the excitation (s), if it has one."""
