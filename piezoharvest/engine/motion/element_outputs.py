@@ -66,6 +66,12 @@ def input_of(P, L, S, z, k, which):
     return dot_column(P, L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A], 1, S, z, L[pg.A])
 
 
+@inlined
+def corners(L):
+    """Number of corners of all piecewise elements."""
+    return L[L[pg.FIRST_CORNER] + L[pg.ELEMENTS]]
+
+
 @compiled
 def segment_at(P, L, k, first):
     """Number of the piece of a piecewise element in which an input lies."""

@@ -22,6 +22,7 @@ from piezoharvest.engine.motion.element_outputs import (
     MOVED,
     NEXT,
     START,
+    corners,
     element_of,
     input_of,
     outputs,
@@ -65,8 +66,9 @@ def begin_step(P, L, S, D, slot):
     copy(S, 0, moved, rows)
     release(L, D)
     outputs(P, L, S, D, 0, now)
-    _hold(P, L, S, D, slot)
-    outputs(P, L, S, D, 0, now)
+    if corners(L):
+        _hold(P, L, S, D, slot)
+        outputs(P, L, S, D, 0, now)
     _begin_outputs(P, L, S, D, slot)
 
 
@@ -301,7 +303,7 @@ def _step(P, L, S, D, slot, t_stop):
         guard, error = _consistent_step(P, L, S, D, slot, step, left)
         if error <= tolerance:
             length = S[clock] - now
-            again = passes < MAX_PASSES and length > MIN_STEP * longest
+            again = corners(L) and passes < MAX_PASSES and length > MIN_STEP * longest
             share = _until_corner(P, L, S, D, slot, length) if again else 1.0
             if share >= 1.0:
                 break
