@@ -44,7 +44,8 @@ from piezoharvest.equations.terms import PIECEWISE
 AGREEMENT = 0.1
 MAX_ITERATIONS = 8  # iterations for cubic and motion to agree; a step in which they do not is halved
 CORNER = 1e-10  # of the way of an input over a step: so close to a corner it is there
-ROUNDING = 1e-15  # of an input and its corner: what a few sums of them are wrong by
+ROUNDING = 1e-15  # of the terms of an input: what their sum is wrong by
+UNSEEN = 1e-10  # of these terms: so little of an input is far below what a step is right to, and its bends are rounding
 MAX_BISECTIONS = 60
 # Difference of the second derivatives of an input and of its cubic, of its values: the cubic is off by a thirtieth of
 # it, and by so much an input may pass a corner and come back unseen.
@@ -211,7 +212,7 @@ def _consistent_step(P, L, S, D, slot, step, left):
 def _until_corner(P, L, S, D, slot, length):
     """Share of the step from START to the present state after which an input first leaves the piece that is held.
 
-    By the cubic of the input with the values and rates at both ends (Hermite); 1 where none does, and a half where the
+    By the cubic of the input with the values and rates at both ends (Hermite); 1 where none does, and -1 where the
     cubic is too coarse to tell. Of an input that began at a corner and is now beyond it the next piece is held, and the
     share is 0.
     """
@@ -223,16 +224,16 @@ def _until_corner(P, L, S, D, slot, length):
         a, da, bend = _course(P, L, S, D, slot, start, k, length)
         b, db, turn = _course(P, L, S, D, slot, 0, k, length)
         coarse = max(abs(6.0 * (b - a) - 4.0 * da - 2.0 * db - bend), abs(6.0 * (a - b) + 2.0 * da + 4.0 * db - turn))
-        way = abs(a) + abs(b) + abs(b - a)
-        if coarse > COARSE * way:
-            return 0.5
+        way, terms = abs(a) + abs(b) + abs(b - a), _terms_of(P, L, S, 0, k)
+        if coarse > COARSE * way + UNSEEN * terms:
+            return -1.0
         segment = D[D[st.SEGMENTS] + k] - 1
         for side in range(2):  # the lower end of the piece, and the upper one
             corner = at + segment - 1 + side
             if not at <= corner < end:
                 continue
             sign, knot = (1.0 if side else -1.0), P[L[pg.CORNERS] + corner]
-            near = CORNER * abs(b - a) + ROUNDING * (way + abs(knot))
+            near = CORNER * abs(b - a) + ROUNDING * (terms + abs(knot))
             own = _crossing(sign * (a - knot), sign * da, sign * (b - knot), sign * db, near)
             if own >= 1.0:
                 continue
@@ -241,6 +242,15 @@ def _until_corner(P, L, S, D, slot, length):
                 return 0.0
             share = min(share, own)
     return share
+
+
+@compiled
+def _terms_of(P, L, S, z, k):
+    """Sum of the sizes of the terms of an input."""
+    form, total = L[pg.ELEMENT_Z] + 2 * k * L[pg.A], 0.0
+    for j in range(L[pg.A]):
+        total += abs(P[form + j] * S[z + j])
+    return total
 
 
 @compiled
@@ -307,6 +317,10 @@ def _step(P, L, S, D, slot, t_stop):
             share = _until_corner(P, L, S, D, slot, length) if again else 1.0
             if share >= 1.0:
                 break
+            if share < 0.0:
+                S[clock], step = now, 0.5 * length
+                S[length_at] = step
+                continue
             passes += 1
             if share == 0.0 and changed:  # it has turned within the step
                 share = 0.5
