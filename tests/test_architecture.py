@@ -33,7 +33,7 @@ LAYERS = [
         "description.system",
         "description.tolerance",
     },
-    {"equations.laws"},
+    {"equations.laws", "equations.pieces"},
     {"equations.terms"},
     {"equations.rows"},
     {"equations.circuits"},

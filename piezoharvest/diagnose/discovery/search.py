@@ -12,12 +12,12 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play
 from piezoharvest.description.effects.nameless.places import TIMES, OverTime, Place, Reading
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.bent_memories import functions_of_memories, leaves_much
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
-from piezoharvest.diagnose.discovery.memories import at_null, memories_at, score_memories
+from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
+from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs

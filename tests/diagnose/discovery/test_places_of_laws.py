@@ -14,7 +14,7 @@ from piezoharvest.description.effects.nameless.memory import Relaxation, Resonan
 from piezoharvest.description.effects.nameless.places import Load, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
-from piezoharvest.diagnose.discovery.memories import memories_at
+from piezoharvest.diagnose.discovery.memories.scores import memories_at
 from piezoharvest.diagnose.discovery.search import promising
 from piezoharvest.diagnose.discovery.smoothness import Smoothness
 

@@ -17,7 +17,7 @@ from piezoharvest.description.effects.nameless.places import Damper, Place, Read
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
-from piezoharvest.diagnose.discovery.memories import plays
+from piezoharvest.diagnose.discovery.memories.scores import plays
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.visited import inputs_of_records
 from piezoharvest.diagnose.selection.start_values import campaign_scales
