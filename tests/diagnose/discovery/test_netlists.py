@@ -4,15 +4,16 @@ import pytest
 from oracles.ngspice import needs_ngspice, run_netlist
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
-from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Load, Spring
-from piezoharvest.description.effects.nameless.shapes import Coulomb
+from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Stribeck
 from piezoharvest.spice import export_spice
 
 DAMPED = {"mass": 0.010, "damping": 0.6, "stiffness": 986.96, "coupling": 3e-4, "capacitance": 40e-9}
 SINE = SineForce(amplitude=0.02, frequency=48.0)
+AHEAD = Relaxation(time_constant=3e-3, behind=True)
 LAWS = [
     Law(place=Load(), form=Knee(factor=2e-5, knee=0.3)),
     Law(place=Spring(), form=Line(factor=80.0), memory=Play(threshold=2e-5)),
@@ -20,12 +21,21 @@ LAWS = [
     Law(place=Spring(), form=Line(factor=-60.0), memory=Relaxation(time_constant=4e-3)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Resonance(frequency=70.0, damping_ratio=0.3)),
     Law(place=Capacitor(), form=Line(factor=2e-8), memory=Relaxation(time_constant=4e-3)),
-    Law(place=Damper(), form=Coulomb(factor=2e-3, width=2e-3, knots=(0.0, 2e-3, 0.05, -0.0, -2e-3, -0.05))),
+    Law(place=Damper(), form=Coulomb(factor=2e-3, width=2e-3)),
+    Law(place=Damper(), form=Stribeck(factor=2e-3, width=2e-3, excess=1.0, speed=0.02)),
+    Law(place=Spring(), form=Shape(factor=4e-3, scale=5e-5, curve="tanh", bent=False)),
+    Law(place=Spring(), form=Shape(factor=4e-3, scale=1e-4, curve="exponential", bent=True)),
+    Law(place=Spring(), form=Shape(factor=4e-3, scale=1e-4, curve="sinh", bent=True)),
+    Law(place=Spring(), form=Shape(factor=4e-3, scale=5e-5, curve="log", bent=False)),
+    Law(place=Capacitor(), form=Shape(factor=4e-8, scale=0.3, curve="langevin", bent=False)),
+    Law(place=Spring(), form=Shape(factor=-4e-3, scale=3e-5, curve="tanh", bent=False), memory=AHEAD),
+    Law(place=Spring(), form=Knee(factor=200.0, knee=0.0, sides=1)),
+    Law(place=Spring(), form=Bends(knots=(0.0, -0.0, 5e-5), kinks=(2e6, 3e6, -1e6))),
     Law(place=Damper(), form=Corners(knots=(0.01, -0.01), kinks=(0.1, -0.1))),
 ]  # fmt: skip
 
 
-QUICK = ("load knee", "spring relaxation")
+QUICK = ("load knee", "spring relaxation", "spring tanh", "capacitor langevin")
 CASES = [
     pytest.param(law, id=f"{law.name} {law.form.word}", marks=() if law.name in QUICK else pytest.mark.slow)
     for law in LAWS
