@@ -136,6 +136,10 @@ PLACE, FORM = 'place = {kind = "load"}\n', 'form = {kind = "knee", factor = 1e-5
         (PLACE + FORM.replace("knee = 2.0", "knee = 2.0, sides = 3"), "load knee.form.sides: found 3"),
         (PLACE + 'form = {kind = "corners", knots = [1.0], kinks = [1.0, 2.0]}\n', "form.kinks: found 2 for 1 knots"),
         (PLACE + 'form = {kind = "corners", knots = [], kinks = []}\n', "form.knots: found (), allowed are finite"),
+        (
+            'place = {kind = "capacitor"}\nmemory = {kind = "play", threshold = 0.5}\n' + FORM,
+            "form: found knee with a play of the capacitor, must be linear",
+        ),
         (PLACE + 'form = {kind = "monomial", factor = 1.0, scale = 0.0}\n', "form.scale: found 0.0, must be a"),
         (PLACE + 'form = {kind = "monomial", factor = 1.0, scale = 1.0, exponent = 1}\n', "form.exponent: found 1"),
         (PLACE + FORM + 'memory = {kind = "play", threshold = -1.0}\n', "load knee.memory.threshold: found -1"),

@@ -46,7 +46,7 @@ def test_it_changes_nothing_at_its_null_value():
 
 def test_energy_closes():
     assert not EFFECT().absent
-    assert abs(run(EFFECT()).energy["closure"]) < 1e-6  # corners that are rounded off leave 1e-8
+    assert abs(run(EFFECT()).energy["closure"]) < 1e-6  # steps with smooth elements leave 1e-8
 
 
 def test_every_quantity_has_a_unit_and_says_what_it_is():

@@ -86,9 +86,7 @@ class Program(NamedTuple):
     equilibrium: np.ndarray  # (n,) under the static part of the excitation, electrodes relaxed
     element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
     corners: np.ndarray  # (t,) of all piecewise elements, one after the other
-    pieces: (
-        np.ndarray
-    )  # (t + e, 3) a, b, c of their polynomials a + b x + c x^2; one more than corners for each element
+    pieces: np.ndarray  # (t + e, 3) a, b, c of every piece a + b x + c x^2: one more than corners of each element
     lag: float
     on_time: float
     stage: np.ndarray  # (c,) share of it for which the switch holds a configuration

@@ -39,8 +39,8 @@ class Bending(NamedTuple):
         Rates of the inputs.
     corners, first_corner, pieces, d_pieces : (t,), (e + 1,), (t + e, 3) and (t + e, 3, p) arrays
         Of piecewise elements, as in `Program`.
-    segments : (e,) int array
-        Pieces that are held over a step; -1 where those of the inputs count.
+    held : (e,) int array
+        Places in `pieces` of those that are held over a step; -1 where those of the inputs count.
     begin_z, begin_d : (a,) and (n + 4 e, lanes) arrays
         Memory of a step's beginning.
     direction : (a,) array
@@ -60,7 +60,7 @@ class Bending(NamedTuple):
     first_corner: np.ndarray
     pieces: np.ndarray
     d_pieces: np.ndarray
-    segments: np.ndarray
+    held: np.ndarray
     begin_z: np.ndarray
     begin_d: np.ndarray
     direction: np.ndarray
@@ -116,14 +116,18 @@ def add_form(factor, row, changes, z, d, out):
 
 
 @compiled
+def piece_at(elements, k, first):
+    """Place of the polynomial of the k-th element, a piecewise one, at an input."""
+    at = elements.first_corner[k]
+    while at < elements.first_corner[k + 1] and elements.corners[at] <= first:
+        at += 1
+    return at + k
+
+
+@compiled
 def _piece_of(bending, k, first):
     """Place of the polynomial of a piecewise element: that which is held over a step, or that of an input."""
-    at, segment = bending.first_corner[k], bending.segments[k]
-    if segment < 0:
-        segment = 0
-        while at + segment < bending.first_corner[k + 1] and bending.corners[at + segment] <= first:
-            segment += 1
-    return at + k + segment
+    return bending.held[k] if bending.held[k] >= 0 else piece_at(bending, k, first)
 
 
 @compiled
@@ -134,16 +138,15 @@ def hold_pieces(bending, mode, z, ahead):
     """
     for k in range(len(bending.power)):
         if bending.power[k] == PIECEWISE:
-            bending.segments[k] = -1
             first = value_of(bending.inputs[k, 0], z) + ahead * value_of(bending.rates[mode, k, 0], z)
-            bending.segments[k] = _piece_of(bending, k, first) - bending.first_corner[k] - k
+            bending.held[k] = piece_at(bending, k, first)
 
 
 @compiled
 def release_pieces(bending):
     """Let piecewise elements follow their inputs from piece to piece."""
     for k in range(len(bending.power)):
-        bending.segments[k] = -1
+        bending.held[k] = -1
 
 
 @compiled

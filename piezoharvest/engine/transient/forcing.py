@@ -16,7 +16,7 @@ from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.motion.curves import curve_of
 from piezoharvest.engine.sensitivity.dual_modes import nominal
-from piezoharvest.engine.transient.bending import value_of
+from piezoharvest.engine.transient.bending import piece_at, value_of
 from piezoharvest.equations.terms import CURVE, PIECEWISE, PRODUCT, TIMED
 
 # Of an element's largest output: error of a cubic in the middle of a step. A derivative then has this error at most,
@@ -122,12 +122,9 @@ def set_outputs(forcing, A, z, time):
         elif power == TIMED:
             value, slope = forcing.drift * time * first, forcing.drift * (first + time * rate)
         elif power == PIECEWISE:
-            at = forcing.first_corner[k]
-            piece = at + k
-            while at < forcing.first_corner[k + 1] and forcing.corners[at] <= first:
-                at, piece = at + 1, piece + 1
-            a, b, c = forcing.pieces[piece, 0], forcing.pieces[piece, 1], forcing.pieces[piece, 2]
-            value, slope = a + first * (b + first * c), (b + 2.0 * c * first) * rate
+            piece = forcing.pieces[piece_at(forcing, k, first)]
+            value = piece[0] + first * (piece[1] + first * piece[2])
+            slope = (piece[1] + 2.0 * first * piece[2]) * rate
         elif power <= CURVE:
             value, by_first, _ = curve_of(CURVE - power, first)
             slope = by_first * rate

@@ -31,7 +31,7 @@ class Option(NamedTuple):
     doc: str
 
 
-class Place(NamedTuple):
+class ShuntTable(NamedTuple):
     """Where a part is: the class of the shunt, its table, and the clamped capacitance (F) where it is known."""
 
     cls: type[Shunt]
@@ -61,11 +61,11 @@ class Sort(NamedTuple):
     doc: str
     needed: tuple[str, ...]
     keys: tuple[str, ...]
-    values: Callable[[Mapping[str, Any], float | None, Place], Mapping[str, Any]]
+    values: Callable[[Mapping[str, Any], float | None, ShuntTable], Mapping[str, Any]]
     option: Option | None = None
 
 
-def _diode(part: Mapping[str, Any], current: float | None, place: Place) -> dict[str, Any]:
+def _diode(part: Mapping[str, Any], current: float | None, place: ShuntTable) -> dict[str, Any]:
     """The law as a broken line, or as the straight one for a current, and the conductance backwards."""
     law = [part[key] for key in ("saturation_current", "emission", "series_resistance")]
     backwards = {"diode_leakage": part["reverse_conductance"]}
@@ -84,7 +84,7 @@ def _diode(part: Mapping[str, Any], current: float | None, place: Place) -> dict
     return {"diode_curve": {"currents": [*curve.currents], "voltages": [*curve.voltages]}, **backwards}
 
 
-def _coil(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
+def _coil(part: Mapping[str, Any], option: float | None, place: ShuntTable) -> dict[str, float]:
     """As it is where a kind has a winding; where it has a quality, sqrt(L/C)/R."""
     found = {key: part[key] for key in ("inductance", "winding_resistance", "self_resonance")}
     capacitance = place.capacitance
@@ -103,7 +103,7 @@ def _coil(part: Mapping[str, Any], option: float | None, place: Place) -> dict[s
     return {**found, "quality": quality}
 
 
-def _capacitor(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
+def _capacitor(part: Mapping[str, Any], option: float | None, place: ShuntTable) -> dict[str, float]:
     """With its leakage as a conductance; that of several in series is smaller."""
     leakage = part["leakage_current"] / part["rated_voltage"] / getattr(place.cls, "capacitors", 1)
     return {
@@ -113,13 +113,13 @@ def _capacitor(part: Mapping[str, Any], option: float | None, place: Place) -> d
     }
 
 
-def _switch(part: Mapping[str, Any], option: float | None, place: Place) -> dict[str, float]:
+def _switch(part: Mapping[str, Any], option: float | None, place: ShuntTable) -> dict[str, float]:
     """All transistors in line; each gate is charged anew for every action."""
     energy = part["gate_charge"] * part["gate_voltage"]
     return {"switch_resistance": part["count"] * part["on_resistance"], "gate_energy": part["count"] * energy}
 
 
-def _comparator(part: Mapping[str, Any], supply: float | None, place: Place) -> dict[str, float]:
+def _comparator(part: Mapping[str, Any], supply: float | None, place: ShuntTable) -> dict[str, float]:
     """Its delay, and what it takes from its supply."""
     assert supply is not None  # or the usual one
     return {"time_lag": part["delay"], "control_power": part["supply_current"] * supply}
@@ -198,7 +198,7 @@ def _with_part(table: dict[str, Any], key: str, cls: type[Shunt], capacitance: f
             raise ParameterError(own, f"found together with {key}, which gives it too: remove one of the two")
     given = None if option is None else table.pop(option.key, option.usual)
     number = None if option is None or given is None else _number(given, option)
-    found = sort.values(parts(key)[name], number, Place(cls, table, capacitance))
+    found = sort.values(parts(key)[name], number, ShuntTable(cls, table, capacitance))
     return {**table, **{each: value for each, value in found.items() if each in fields}}
 
 

@@ -14,6 +14,7 @@ from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Delay, Memory, Play
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.effects.nameless.sizes import SIZES
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 
@@ -42,6 +43,12 @@ class Law(Effect):
     place: Place
     form: Form
     memory: Memory | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.memory, Play) and self.place.port == CHARGE and not isinstance(self.form, Line):
+            found = f"found {self.form.word} with a play of the {self.place.name}"
+            raise ParameterError("form", f"{found}, must be linear: only its charge is known then")
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]

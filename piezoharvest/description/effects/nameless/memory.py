@@ -25,9 +25,9 @@ _STORAGE = {"displacement": "stiffness", "voltage": "capacitance", "velocity": "
 class Memory(Component):
     """A memory: a row of what it makes of its input, its passive signs, and its energy.
 
-    Subclasses define `kind`, `row`, `made_of`, and where they are of ports `signs` (port to the sign of a passive
-    factor) with `stores` and `losses` of a law `factor` times the row, as an effect has them. Of other functions of the
-    row elements account for the energy; those that take some are told by `dissipated`.
+    Subclasses define `kind`, `row`, and where they are of ports `signs` (port to the sign of a passive factor) with
+    `stores` and `losses` of a law `factor` times the row, as an effect has them. Of other functions of the row elements
+    account for the energy; memories of which such functions are searched for define `made_of` and `dissipated`, too.
     """
 
     kind: ClassVar[str]
