@@ -92,7 +92,7 @@ def beginning(problem: Problem, count: int) -> Problem:
     def begun(each: Data | FrequencyData) -> Data | FrequencyData:
         if not isinstance(each, Data) or len(each) <= count or each.record.periodic:
             return each
-        return data_of(each.record.beginning(count), problem.nominal)
+        return data_of(each.record.beginning(count), problem.nominal, each.levels)
 
     data = [begun(each) for each in problem.data]
     if all(one is other for one, other in zip(data, problem.data, strict=True)):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.identify.fitting.data import Data, data_of
 from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
+from piezoharvest.identify.noise.noise_levels import levels_of
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -21,13 +23,16 @@ def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
     CampaignError
         The model cannot be driven by a record.
     """
-    return map_records(partial(_prepared, campaign), campaign.of_role(role))
+    levels = levels_of([record for record in campaign.records if isinstance(record, Record)])
+    return map_records(partial(_prepared, campaign, levels), campaign.of_role(role))
 
 
-def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | FrequencyData:
+def _prepared(
+    campaign: Campaign, levels: Mapping[str, Mapping[str, float]], record: Record | FrequencyRecord
+) -> Data | FrequencyData:
     try:
         if isinstance(record, Record):
-            return data_of(record, campaign.transducer)
+            return data_of(record, campaign.transducer, levels[record.name])
         data = FrequencyData(record)
         data.matrices(campaign.transducer)
         return data

@@ -74,8 +74,9 @@ def _expected_rms(data: Data, found: Fit) -> dict[str, float]:
     gain = gain_of(replace(found.model, parameters=()).prediction(data), data.channels, frequencies)
     impulse = np.fft.irfft(gain, axis=0)[:count]
     share = 1.0 - np.arange(len(impulse)) / count  # of the samples that this part of the response has reached
-    passed = share @ impulse**2 * found.noise.sigma.get(data.drive, 0.0) ** 2
-    own = [found.noise.sigma[channel] ** 2 for channel in data.channels]
+    sigma = found.noise.at(data.levels).sigma
+    passed = share @ impulse**2 * sigma.get(data.drive, 0.0) ** 2
+    own = [sigma[channel] ** 2 for channel in data.channels]
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))
 
 

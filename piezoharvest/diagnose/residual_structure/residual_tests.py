@@ -175,9 +175,10 @@ def _blocks(
     found: Fit, drive_noise: bool, data: Data | FrequencyData, nuisance: np.ndarray, white: Whitener | ResponseWeights
 ) -> list[ResidualBlock]:
     """Blocks of a record, with the variance added by the noise of its drive if wanted."""
-    sigma, scatter = found.noise.sigma, None
-    if drive_noise and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
-        scatter = drive_noise_variance(data, white, found.model, nuisance, sigma[data.drive], band_edges(len(data)))
+    scatter = None
+    if drive_noise and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in found.noise.sigma:
+        sigma = found.noise.at(data.levels).sigma[data.drive]
+        scatter = drive_noise_variance(data, white, found.model, nuisance, sigma, band_edges(len(data)))
     return list(_record_blocks(found.model, data, nuisance, white, scatter))
 
 

@@ -163,6 +163,10 @@ class CandidateFits:
             self._refitted[id(found)] = found, refitted
         return self.failed_tests(self._refitted[id(found)][1])
 
+    def follows_exactly(self, now: EffectChange) -> bool:
+        """True if a model follows records without noise as closely as it can be computed: no gain says anything."""
+        return self.problem.is_exact and mean_square(now.found) < 1.0
+
     def extended(
         self,
         now: EffectChange,

@@ -137,13 +137,13 @@ def campaign_scales(data: Sequence[Data | FrequencyData], found: Fit) -> Campaig
         sample_time=step,
         times=tuple(np.geomspace(*_time_constant_range(data), TIME_CONSTANTS).tolist()),
         loads=tuple(loads),
-        peaks={channel: _candidate_limits(blocks, found.noise.sigma[channel], channel) for channel in channels},
+        peaks={channel: _candidate_limits(blocks, found.noise, channel) for channel in channels},
         mains=_mains_frequencies(blocks),
         longest=max(
             (len(each) * each.setting.sample_time for each in records),
             default=_time_constant_range(data)[1] if data else np.inf,
         ),
-        ends={channel: _range_of_limit(records, found.noise.sigma[channel], channel) for channel in channels},
+        ends={channel: _range_of_limit(records, found.noise, channel) for channel in channels},
         harmonics=_drive_frequencies(records),
         shunts=tuple(each.setting.shunt for each in records),
         switching=tuple(thresholds_between(list(chain(*map(_switched_extrema, records))))),
@@ -169,7 +169,8 @@ def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:
 
 def drive_jitter(records: Sequence[Data], transducer: Transducer, noise: Noise) -> float:
     """Displacement equivalent to the noise of a drive, in the record where it is smallest."""
-    return min((_compliance(each, transducer) * noise.sigma.get(each.drive, 0.0) for each in records), default=0.0)
+    sigmas = (noise.at(each.levels).sigma.get(each.drive, 0.0) for each in records)
+    return min((_compliance(each, transducer) * s for each, s in zip(records, sigmas, strict=True)), default=0.0)
 
 
 def _compliance(data: Data, transducer: Transducer) -> float:
@@ -183,9 +184,11 @@ def _compliance(data: Data, transducer: Transducer) -> float:
     return force[data.drive] / transducer.stiffness
 
 
-def _range_of_limit(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
+def _range_of_limit(records: Sequence[Data], noise: Noise, channel: str) -> tuple[float, float]:
     """Lowest and highest possible saturation limit of a channel."""
-    sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in records if channel in each.channels])))
+    those = [each for each in records if channel in each.channels]
+    sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in those])))
+    sigma = max(noise.at(each.levels).sigma[channel] for each in those)
     return float(sizes[-1 - int(thresholds.MAX_SPIKE_SHARE * len(sizes))]) - thresholds.NOISE_MARGIN * sigma, float(
         sizes[-1]
     ) + thresholds.NOISE_MARGIN * sigma
@@ -227,16 +230,17 @@ def _block_residuals(model: Model, data: Data | FrequencyData, nuisance: np.ndar
     ]
 
 
-def _candidate_limits(blocks: Sequence[_BlockResidual], sigma: float, channel: str) -> tuple[float, ...]:
+def _candidate_limits(blocks: Sequence[_BlockResidual], noise: Noise, channel: str) -> tuple[float, ...]:
     """Candidate saturation limits of a channel: extreme values that occur often, or that the model exceeds.
 
     Noise that is added after the saturation takes readings beyond the limit.
     """
     blocks = [block for block in blocks if channel in block.data.channels]
     together = np.concatenate([block.measured(channel) for block in blocks])
-    limits = np.abs(together).max() - sigma * np.array(LIMIT_OFFSETS)
+    sigmas = [noise.at(block.data.levels).sigma[channel] for block in blocks]
+    limits = np.abs(together).max() - max(sigmas) * np.array(LIMIT_OFFSETS)
     gains = np.zeros(len(limits))
-    for block in blocks:
+    for block, sigma in zip(blocks, sigmas, strict=True):
         c, measured = block.data.channels.index(channel), block.measured(channel)
         residual, drive_noise = block.residual[:, c], block.drive_noise[:, c]
         cut = np.clip(measured - residual, -limits[:, None], limits[:, None]) + drive_noise

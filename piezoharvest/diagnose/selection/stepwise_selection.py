@@ -171,6 +171,8 @@ class Searcher:
     def _add_effect(self, found: _SearchState) -> _SearchState | None:
         """State with one more effect, or in a better minimum without it; None where no effect is significant."""
         trials, now = self.trials, found.now
+        if trials.follows_exactly(now):
+            return None
         tried = self._significant_fits(now, found.at_nominal)
         if not tried:
             return None

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb
+from types import MappingProxyType
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,6 +16,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.circuit_start import circuit_start, loop_closed_at_first
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
+from piezoharvest.identify.noise.proportional_noise import relative_variance
 from piezoharvest.predict.circuit.setting import circuit_setting, has_events, periodic_setting
 from piezoharvest.predict.discrete_model import STEPS_AFTER_JUMP, Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
@@ -64,6 +66,10 @@ class Data:
         Start values of nuisance parameters that do not start at zero, by name.
     hidden : (samples,) array of bool, optional
         Samples behind a circuit that a fit leaves out.
+    levels : mapping of str to float
+        Noise of the channels and of the drive relative to that of the campaign; 1 for those that are missing.
+    variance : (samples, channels) array, optional
+        Of the noise in each sample over its mean, where noise grows with the reading.
     """
 
     name: str
@@ -76,6 +82,8 @@ class Data:
     scatter: Mapping[str, float]
     start: Mapping[str, float] = field(default_factory=dict)
     hidden: np.ndarray | None = None
+    levels: Mapping[str, float] = field(default_factory=dict)
+    variance: np.ndarray | None = None
 
     @property
     def drive(self) -> str:
@@ -99,8 +107,8 @@ class Data:
         return self.setting.count
 
 
-def data_of(record: Record, transducer: Transducer) -> Data:
-    """Prepare a record, with its sizes and when it was made.
+def data_of(record: Record, transducer: Transducer, levels: Mapping[str, float] = MappingProxyType({})) -> Data:
+    """Prepare a record, with its sizes, when it was made and the levels of its noise.
 
     Raises
     ------
@@ -108,6 +116,7 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         The samples are not uniform in time, or there are no responses.
     """
     data = _prepared(record, transducer)
+    data = replace(data, levels=levels, variance=_variance_of(data))
     size = data.setting.size
     if size is None:
         return data
@@ -167,6 +176,14 @@ def _prepared(record: Record, transducer: Transducer) -> Data:
     fine = steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels])
     setting = replace(setting, fine=fine, reach=_reach(record, clean, transducer))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def _variance_of(data: Data) -> np.ndarray | None:
+    """`Data.variance`; None where no noise grows with the reading."""
+    every = [None if channel in data.sigma else relative_variance(data.record, channel) for channel in data.channels]
+    if all(each is None for each in every):
+        return None
+    return np.column_stack([np.ones(len(data)) if each is None else each for each in every])
 
 
 def check_channels(record: Record) -> None:

@@ -81,11 +81,12 @@ class Whitener:
     prediction : Prediction or CircuitPrediction
         Prediction of the record, whose mean slopes filter the noise of the drive.
     noise : Noise
+        Of the campaign.
     data : Data
     """
 
     def __init__(self, prediction: AnyPrediction, noise: Noise, data: Data) -> None:
-        self._prediction, self._noise, self._data = prediction, noise, data
+        self._prediction, self._noise, self._data = prediction, noise.at(data.levels), data
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._passed: dict[tuple[int, int], np.ndarray] = {}
 
@@ -143,11 +144,22 @@ class Whitener:
 
     @cached_property
     def _weights(self) -> np.ndarray | None:
-        """Weights (samples, channels) of the residuals behind a circuit; None where all are one."""
+        """Weights (samples, channels) of the residuals; None where all are one."""
         events, hidden = self._events, self._data.hidden
+        own = None if self._data.variance is None else self._weights_within(self._data.variance)
         if events is None:
-            return None
-        return events.weights if hidden is None else np.where(hidden[:, None], 0.0, events.weights)
+            return own
+        weights = events.weights if own is None else own * events.weights
+        return weights if hidden is None else np.where(hidden[:, None], 0.0, weights)
+
+    def _weights_within(self, variance: np.ndarray) -> np.ndarray:
+        """Weights for noise of the channels of a relative variance, beside which that of the drive is constant."""
+        data, sigma = self._data, self._noise.sigma
+        own = np.array([sigma[channel] ** 2 for channel in data.channels])
+        self._settle()
+        gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(len(data), data.setting.sample_time))
+        passed = sigma.get(data.drive, 0.0) ** 2 * np.mean(np.abs(gain) ** 2, axis=0) / own
+        return np.sqrt((1.0 + passed) / (variance + passed))
 
     def weighted(self, begin: int, values: np.ndarray) -> np.ndarray:
         """Residuals of consecutive samples, or their derivatives, (samples, channels, ...), each with its weight."""

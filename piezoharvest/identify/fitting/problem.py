@@ -11,7 +11,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
-from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
+from piezoharvest.identify.noise.noise_levels import noise_floor
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import by_engine, has_events
 from piezoharvest.predict.parameters import Path, value_at
@@ -20,14 +20,14 @@ PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a paramete
 LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of its nominal value
 NOISE_STANDARD_ERRORS = 3.0  # standard errors by which a noise may be below that at the highest frequencies of records
 MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
+# The same of a response without any noise, as of a simulation: about the error of a solver with a tolerance of 1e-6,
+# and of a prediction between samples (`data.MIN_RELATIVE_NOISE` of a standard deviation). It is no random one.
+EXACT_RELATIVE_NOISE = 1e-5
 # Prior standard deviations of nuisance parameters that a record may not determine: the logarithm of the duration of a
 # jump, which shows only in overshoots; the initial states of stops, relative to their thresholds; and initial states
 # behind a circuit, relative to the largest ones that the nominal model reaches from rest. An edge of a gate is anywhere
 # within its sample, from -1 to 1, with the standard deviation of that.
 NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0, "edge": 3.0**-0.5}
-
-
-FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
 
 
 # The same of initial states that first samples show, about what these show: the nominal coupling and capacitance, from
@@ -69,6 +69,13 @@ class Problem:
         """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
         return any(isinstance(data, Data) and by_engine(data.setting) for data in self.data)
 
+    @cached_property
+    def is_exact(self) -> bool:
+        """True if no response has any noise, as those of a simulation: what a model leaves is nothing random."""
+        return all(
+            isinstance(data, Data) and all(_is_exact(data, channel) for channel in data.channels) for data in self.data
+        )
+
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""
         found: dict[str, list[float]] = {}
@@ -77,9 +84,8 @@ class Problem:
                 found[data.name] = [1.0]  # times the noise of its lines
                 continue
             for channel in (*data.channels, data.drive):
-                guess = initial_noise(data.record[channel])
-                floor = MIN_RELATIVE_NOISE * float(np.ptp(data.record[channel])) + 1e-300
-                found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
+                guess = initial_noise(data.record[channel]) / data.levels.get(channel, 1.0)
+                found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, _least_noise(data, channel))))
         return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
 
     @cached_property
@@ -90,7 +96,7 @@ class Problem:
         """
         floors: dict[str, list[tuple[float, int]]] = {}
         for data in self.data:
-            if isinstance(data, Data) and (floor := high_frequency_noise(data.record[data.drive])) is not None:
+            if isinstance(data, Data) and (floor := _floor(data, data.drive)) is not None:
                 floors.setdefault(data.drive, []).append(floor)
         shown = {
             name: float(np.sqrt(np.average([sigma**2 for sigma, _ in some], weights=[count for _, count in some])))
@@ -106,9 +112,12 @@ class Problem:
             if isinstance(data, FrequencyData):
                 continue
             for channel in (*data.channels, data.drive):
-                floor = MIN_RELATIVE_NOISE * float(np.ptp(data.record[channel])) + 1e-300
-                highest = max(found.get(channel, (0.0, 0.0))[1], floor, noise_upper_bound(data.record[channel]))
-                found[channel] = self._floors.get(channel, 0.0), highest
+                least = _least_noise(data, channel)
+                floor, _ = _floor(data, channel) or (0.0, 0)  # larger than the upper half band if that is attenuated
+                bound = max(noise_upper_bound(data.record[channel]) / data.levels.get(channel, 1.0), floor)
+                lowest, highest = found.get(channel, (self._floors.get(channel, 0.0), 0.0))
+                lowest = max(lowest, least) if _is_exact(data, channel) else lowest
+                found[channel] = lowest, max(highest, least, bound)
         return found
 
     @cached_property
@@ -118,11 +127,8 @@ class Problem:
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
-            events = has_events(data.setting.shunt, data.drive)
             for channel in data.channels:
-                # What a switch does fast would be taken for noise.
-                floor = None if events and channel in FAST else high_frequency_noise(data.record[channel])
-                shown.setdefault(channel, []).append(floor)
+                shown.setdefault(channel, []).append(_floor(data, channel))
         found = {}
         for channel, each in shown.items():
             seen = [floor for floor in each if floor is not None]
@@ -201,6 +207,26 @@ def nuisance_for_problem(
         kept = ((name, values.get(name), value) for name, value in zip(names, other, strict=True))
         found.append(np.array([value if known is None else known * units[name] for (name, _), known, value in kept]))
     return tuple(found)
+
+
+def _least_noise(data: Data, channel: str) -> float:
+    """Least noise of a record's channel."""
+    relative = EXACT_RELATIVE_NOISE if _is_exact(data, channel) else MIN_RELATIVE_NOISE
+    return relative * float(np.ptp(data.record[channel])) + 1e-300
+
+
+def _is_exact(data: Data, channel: str) -> bool:
+    """True for a response whose upper half band is all but empty, and shows no noise either."""
+    values = data.record[channel]
+    if channel == data.drive or channel in data.sigma or noise_floor(data.record, channel) is not None:
+        return False
+    return noise_upper_bound(values) < EXACT_RELATIVE_NOISE * np.ptp(values)
+
+
+def _floor(data: Data, channel: str) -> tuple[float, int] | None:
+    """Noise floor of a record, as it would be at the level of the campaign, and the number of its lines."""
+    floor = noise_floor(data.record, channel)
+    return None if floor is None else (floor[0] / data.levels.get(channel, 1.0), floor[1])
 
 
 def _switches(data: Data | FrequencyData) -> bool:

@@ -33,6 +33,10 @@ class Noise:
 
     sigma: Mapping[str, float]
 
+    def at(self, levels: Mapping[str, float]) -> Noise:
+        """Noise of a record whose channels have other levels than the campaign."""
+        return Noise({name: levels.get(name, 1.0) * sigma for name, sigma in self.sigma.items()}) if levels else self
+
     def covariance(self, channels: Sequence[str], drive: str, gain: np.ndarray) -> np.ndarray:
         """Cross-spectral matrices of the residuals.
 

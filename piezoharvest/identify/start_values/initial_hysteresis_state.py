@@ -151,7 +151,7 @@ def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | Frequency
     if not isinstance(data, Data):
         return data
     count = _beginning_samples(data)
-    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
+    return data_of(data.record.beginning(count), problem.nominal, data.levels) if count < len(data) else data
 
 
 def _beginning_samples(data: Data) -> int:

@@ -1,0 +1,117 @@
+"""Noise of the channels in each record, relative to that in the whole campaign.
+
+The noise of a sensor need not be one number: its range is set anew between records, or more runs are averaged. Which
+part of the noise differs is read off the records themselves, without a model, so that no misfit counts as noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.signal import coherence
+
+from piezoharvest.identify.noise.differences import OF_VARIANCE, scatter_of, white_squares
+from piezoharvest.identify.noise.drive_denoising import MIN_NOISE, flat_share, high_frequency_noise
+from piezoharvest.predict.circuit.setting import has_events
+from piezoharvest.predict.drive import jumps_of
+from piezoharvest.records.record import Record, Signal
+
+FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
+
+MIN_SAMPLES = 1024  # of a record in which the pass band of a filter is sought: thirty lines in a tenth of the band
+SEGMENTS = 32  # of a record, for the coherence of a response with its drive
+MAX_COHERENCE = 3.0 / SEGMENTS  # three times that of independent noise, whose mean over many lines hardly scatters
+
+
+_FLOORS: WeakKeyDictionary[Signal, tuple[float, int] | None] = WeakKeyDictionary()
+
+
+def is_smooth(record: Record, channel: str) -> bool:
+    """True for a long record's channel without jumps, as what a switch does fast."""
+    switched = channel in FAST and has_events(record.shunt, record.drive)
+    return not switched and len(record) >= MIN_SAMPLES and not len(jumps_of(record[channel]))
+
+
+def noise_floor(record: Record, channel: str) -> tuple[float, int] | None:
+    """Standard deviation of a channel's noise from its highest frequencies, and the number of lines used.
+
+    None where it does not show: a signal has energy at these frequencies, as what a switch does fast.
+    """
+    if channel in FAST and has_events(record.shunt, record.drive):
+        return None
+    signal = record.signals[channel]
+    if signal not in _FLOORS:
+        _FLOORS[signal] = _found_floor(record, channel)
+    return _FLOORS[signal]
+
+
+def _found_floor(record: Record, channel: str) -> tuple[float, int] | None:
+    """Noise floor of a channel; of a response that a filter against aliasing attenuates, in the filter's pass band."""
+    values = record[channel]
+    if channel == record.drive or not is_smooth(record, channel):
+        return high_frequency_noise(values)
+    share = flat_share(values)
+    floor = high_frequency_noise(values, share)
+    if floor is None:
+        return _by_differences(values)
+    return floor if share == 1.0 or _is_incoherent(record, channel, floor[1], share) else None
+
+
+def _is_incoherent(record: Record, channel: str, count: int, share: float) -> bool:
+    """True if nothing of a channel in its highest lines below a share of all is coherent with the drive."""
+    values = record[channel]
+    frequency, common = coherence(record[record.drive], values, nperseg=len(values) // SEGMENTS)
+    lines = 2.0 * frequency * len(values)
+    inside = (lines > share * len(values) - count) & (lines < share * len(values))
+    return float(common[inside].mean()) < MAX_COHERENCE
+
+
+def _by_differences(values: np.ndarray) -> tuple[float, int] | None:
+    """Noise floor where the spectrum is not flat by chance, because the noise is far larger at some times than others.
+
+    As many lines of noise of constant variance would show it as well.
+    """
+    squares = white_squares(values)
+    if squares is None or not squares.mean() > (MIN_NOISE * np.ptp(values)) ** 2:
+        return None
+    lines = 2.0 * len(values) / (OF_VARIANCE * scatter_of(values**2)) ** 2
+    return float(np.sqrt(squares.mean())), max(1, int(lines))
+
+
+def levels_of(records: Sequence[Record]) -> dict[str, Mapping[str, float]]:
+    """Noise of the channels in each record by its name, relative to that in all of them; 1 where it does not show."""
+    levels: dict[str, dict[str, float]] = {record.name: {} for record in records}
+    for channel in sorted({channel for record in records for channel in record.signals}):
+        those = [record for record in records if channel in record.signals]
+        floors = [None if each.signals[channel].sigma is not None else noise_floor(each, channel) for each in those]
+        for record, level in zip(those, relative_levels(floors), strict=True):
+            levels[record.name][channel] = level
+    return levels
+
+
+def relative_levels(floors: Sequence[tuple[float, int] | None]) -> list[float]:
+    """Standard deviations relative to their common one, 1 for those that are None.
+
+    The logarithms scatter about their mean by the noise of each estimate, of variance 1 / (2 lines), and by what the
+    records really differ by. The variance of the latter is estimated from all of them, and each drawn towards the mean
+    as that demands (DerSimonian & Laird, Controlled Clinical Trials 7(3), 177-188, 1986): records with the same noise
+    get the same level.
+
+    Parameters
+    ----------
+    floors : sequence of (float, int) or None
+        Estimated standard deviation and number of lines of each record.
+    """
+    shown = [floor for floor in floors if floor is not None]
+    if len(shown) < 2:
+        return [1.0] * len(floors)
+    logs, variances = np.log([sigma for sigma, _ in shown]), 0.5 / np.array([lines for _, lines in shown])
+    weights = 1.0 / variances
+    mean = np.average(logs, weights=weights)
+    excess = np.sum(weights * (logs - mean) ** 2) - (len(logs) - 1)
+    between = max(0.0, excess / (weights.sum() - np.sum(weights**2) / weights.sum()))
+    mean = np.average(logs, weights=1.0 / (variances + between))
+    drawn = iter(np.exp(between / (between + variances) * (logs - mean)).tolist())
+    return [1.0 if floor is None else next(drawn) for floor in floors]
