@@ -268,10 +268,10 @@ def fitted(
     """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
     first, known = len(base.model.transducer.effects), base
     model = extended(base.model, [law], law_parameters(law, first, deviation))
-    nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
-    done = None
+    nuisance, done = None, None
     for _ in range(SMOOTHING_ROUNDS):
         try:
+            nuisance = nuisance or nuisance_for_model(problem, base.model, base.nuisance, model)
             found = fit(
                 problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
                 most=ITERATIONS, aim=aim,

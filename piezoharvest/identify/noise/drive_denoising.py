@@ -12,13 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import dct, idct
 
-from piezoharvest.identify.noise.kink_detection import (
-    HIGHEST_OCTAVE,
-    MIN_LINES,
-    SUM_STANDARD_DEVIATIONS,
-    kink_free_noise,
-    signal_end,
-)
+from piezoharvest.identify.noise.kink_detection import HIGHEST_OCTAVE, MIN_LINES, kink_free_noise, signal_end
 from piezoharvest.identify.noise.tones import DriveTones, refined, tones
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
@@ -36,8 +30,6 @@ BUILD_UP_RATIO = (
     4.0  # times the usual squared difference from the denoised drive, which sines exceed while they build up
 )
 SLOW_LINE_MARGIN = 10.0  # times the mean power of noise, above the expected largest of the slow lines
-# Of the frequencies: step in which the end of a filter's pass band is sought, and the lowest where it may be.
-ROLL_OFF_STEP, LEAST_FLAT_SHARE = 0.1, 0.35
 MIN_LEVEL = 5  # level from which on an average is taken; faster parts are left unchanged
 
 
@@ -91,31 +83,17 @@ def denoised_and_tones(
     return _fit_tones(values, plateaus, sigma, otherwise, like)
 
 
-def high_frequency_noise(values: np.ndarray, share: float = 1.0) -> tuple[float, int] | None:
+def high_frequency_noise(values: np.ndarray) -> tuple[float, int] | None:
     """Standard deviation of white noise from the highest frequencies, and the number of lines used.
 
-    None if a signal or a jump has energy at these frequencies. With a `share` of the frequencies, those above are left
-    out.
+    None if a signal or a jump has energy at these frequencies.
     """
     if len(jumps_of(values)) or len(values) < 2 * MIN_LINES:
         return None
-    power = np.asarray(dct(values, norm="ortho"))[: int(share * len(values))] ** 2
-    begin = signal_end(power)
-    sigma = float(np.sqrt(power[begin:].mean())) if begin <= HIGHEST_OCTAVE * len(power) else 0.0
-    return (sigma, len(power) - begin) if sigma > MIN_NOISE * np.ptp(values) else None
-
-
-def flat_share(values: np.ndarray) -> float:
-    """Share of the frequencies below which noise is not attenuated, as it is by a filter against aliasing."""
     power = np.asarray(dct(values, norm="ortho")) ** 2
-    share, width = 1.0, int(ROLL_OFF_STEP * len(power))
-    while share > LEAST_FLAT_SHARE:
-        end = int(share * len(power))
-        top, below = power[end - width : end], power[int(HIGHEST_OCTAVE * end) : end - width]
-        if top.mean() > below.mean() * (1.0 - SUM_STANDARD_DEVIATIONS * np.sqrt(2.0 / width)):
-            break
-        share -= ROLL_OFF_STEP
-    return share
+    begin = signal_end(power)
+    sigma = float(np.sqrt(power[begin:].mean())) if begin <= HIGHEST_OCTAVE * len(values) else 0.0
+    return (sigma, len(values) - begin) if sigma > MIN_NOISE * np.ptp(values) else None
 
 
 def _averages(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

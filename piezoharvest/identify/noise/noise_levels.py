@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.signal import coherence
 
 from piezoharvest.identify.noise.differences import OF_VARIANCE, scatter_of, white_squares
-from piezoharvest.identify.noise.drive_denoising import MIN_NOISE, flat_share, high_frequency_noise
+from piezoharvest.identify.noise.drive_denoising import MIN_NOISE, high_frequency_noise
+from piezoharvest.identify.noise.pass_band import attenuated_noise
 from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.record import Record, Signal
@@ -21,9 +21,6 @@ from piezoharvest.records.record import Record, Signal
 FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
 
 MIN_SAMPLES = 1024  # of a record in which the pass band of a filter is sought: thirty lines in a tenth of the band
-SEGMENTS = 32  # of a record, for the coherence of a response with its drive
-MAX_COHERENCE = 3.0 / SEGMENTS  # three times that of independent noise, whose mean over many lines hardly scatters
-
 
 _FLOORS: WeakKeyDictionary[Signal, tuple[float, int] | None] = WeakKeyDictionary()
 
@@ -52,20 +49,7 @@ def _found_floor(record: Record, channel: str) -> tuple[float, int] | None:
     values = record[channel]
     if channel == record.drive or not is_smooth(record, channel):
         return high_frequency_noise(values)
-    share = flat_share(values)
-    floor = high_frequency_noise(values, share)
-    if floor is None:
-        return _by_differences(values)
-    return floor if share == 1.0 or _is_incoherent(record, channel, floor[1], share) else None
-
-
-def _is_incoherent(record: Record, channel: str, count: int, share: float) -> bool:
-    """True if nothing of a channel in its highest lines below a share of all is coherent with the drive."""
-    values = record[channel]
-    frequency, common = coherence(record[record.drive], values, nperseg=len(values) // SEGMENTS)
-    lines = 2.0 * frequency * len(values)
-    inside = (lines > share * len(values) - count) & (lines < share * len(values))
-    return float(common[inside].mean()) < MAX_COHERENCE
+    return attenuated_noise(values, record[record.drive]) or high_frequency_noise(values) or _by_differences(values)
 
 
 def _by_differences(values: np.ndarray) -> tuple[float, int] | None:

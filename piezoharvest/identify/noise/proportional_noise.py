@@ -9,7 +9,9 @@ from piezoharvest.identify.noise.differences import OF_VARIANCE, STANDARD_DEVIAT
 from piezoharvest.identify.noise.noise_levels import is_smooth
 from piezoharvest.records.record import Record
 
-LEAST_CONSTANT_SHARE = 1e-3  # of the mean variance: no sensor is without noise at a reading of zero
+# Of the mean variance: no sensor is without noise at a reading of zero, and a fit that begins far off would follow
+# nothing but the samples near it.
+LEAST_CONSTANT_SHARE = 0.1
 ROUNDS = 10  # of weighted least squares, each with the variance that the one before has found
 
 
