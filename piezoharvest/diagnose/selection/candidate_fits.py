@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from piezoharvest.diagnose.selection.score_tests import (
     scores,
     starts_of,
     starts_show,
+    weakened,
 )
 from piezoharvest.diagnose.selection.significance import standard_errors_from_zero, variance_inflation
 from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
@@ -189,6 +191,7 @@ class CandidateFits:
         model = extended(now.found.model, [effect], more)
         model = replace(model, at_rest=model.at_rest and not begun)
         nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, model)
+        model, nuisance = self._better_start(model, nuisance, now.found)
         if varied is not None and set(varied) > set(now.found.model.parameters):
             alone = self._fit(model, nuisance, now.found, enough=COARSE_FIT_TOLERANCE, most=most)
             if alone is None:
@@ -196,6 +199,26 @@ class CandidateFits:
             model, nuisance = replace(alone.found.model, parameters=(*varied, *more)), alone.found.nuisance
         step = self._remember_converged(self._fit(model, nuisance, now.found, aim=aim, most=most))
         return step if most < MAX_ITERATIONS else self._visible(step)
+
+    def _better_start(
+        self, model: Model, nuisance: tuple[np.ndarray, ...], before: Fit
+    ) -> tuple[Model, tuple[np.ndarray, ...]]:
+        """Start of a fit with one effect more: the better one of two after one step.
+
+        Either the effect as its score has it beside the parameters of the fit without it, or the effect hardly there,
+        from where one step changes all of them at once: what had taken its place may lie in another valley.
+        """
+        *rest, effect = model.transducer.effects
+        weak = None if self.problem.needs_engine else weakened(effect)  # a step of the engine takes long
+        if weak is None:
+            return model, nuisance
+        hardly = replace(model, transducer=replace(model.transducer, effects=(*rest, weak)))
+        found = []
+        for start in (model, hardly):
+            with suppress(PredictionError, np.linalg.LinAlgError):
+                found.append(self._refit(start, nuisance, before, most=1))
+        best = min(found, key=lambda each: each.cost, default=None)
+        return (model, nuisance) if best is None else (best.model, best.nuisance)
 
     def complete(self, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Fits by increasing fair cost; unfinished ones are continued now that the cost to reach is known."""

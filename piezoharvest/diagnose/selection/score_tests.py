@@ -27,6 +27,7 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, p
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 from piezoharvest.predict.prediction import PredictionError
 
+WEAK = 1e-3  # of a strength: so little that nothing is beyond first order, and far above rounding errors
 MAX_STRETCH = 4.0  # of a start value: farther off, what an effect changes goes with its square no longer
 
 
@@ -160,6 +161,20 @@ def _is_new(start: Effect, found: Fit) -> bool:
 
 def _strength(start: Effect) -> float:
     return getattr(start, type(start).strength().name)
+
+
+def weakened(effect: Effect) -> Effect | None:
+    """An effect that is hardly there, whose records change with its strength as they do at its null.
+
+    None where no derivative tells what it does: it sets in with a jump, changes nothing to first order, or is a line.
+    """
+    if is_line(effect) or effect.scanned or effect.second_order or type(effect).span is not Effect.span:
+        return None
+    field = type(effect).strength()
+    strength = parameter_of(effect, field, ("effects", 0, field.name))
+    null, value = (float(np.real(strength.inner(v))) for v in (field.metadata["null"], _strength(effect)))
+    inner = null + WEAK * (value - null)
+    return put(effect, (field.name,), float(np.real(strength.outer(inner)))) if np.isfinite(inner) else None
 
 
 def extended(model: Model, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> Model:
@@ -339,4 +354,4 @@ def cosine(first: ScoredEffect, second: ScoredEffect) -> float:
     return float(first.signature[second.column] / size) if size > 0 else 0.0
 
 
-__all__ = ["ScoredEffect", "cosine", "effect_parameters", "extended", "is_line", "scores", "starts_of"]
+__all__ = ["ScoredEffect", "cosine", "effect_parameters", "extended", "is_line", "scores", "starts_of", "weakened"]

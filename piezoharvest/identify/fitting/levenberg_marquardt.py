@@ -12,7 +12,6 @@ from piezoharvest.identify.fitting.bounded_step import bounded_step
 from piezoharvest.identify.fitting.cost_function import CostFunction, Point, Whiteners
 from piezoharvest.identify.fitting.evaluation import whiteners
 from piezoharvest.identify.fitting.likelihood import Sums
-from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.problem import Problem, prior_of, starting
 from piezoharvest.identify.noise.noise_model import Noise
@@ -166,8 +165,8 @@ class _Descent:
         self.damping = ROUGH_INITIAL_DAMPING if loose else INITIAL_DAMPING
         self.correction = np.zeros_like(start.information)  # of the information to the curvature of the cost
         self.count = sum(float(part.count.sum()) for part in start.sums)
-        # Responses have no corners that would make the cost uneven: a predicted decrease is achieved there.
-        self.smooth = all(isinstance(data, FrequencyData) for data in judge.problem.data)
+        # A switch that acts once more makes the cost uneven: elsewhere, a predicted decrease is achieved in the end.
+        self.smooth = not judge.problem.needs_engine
         self.iteration, self.small_decreases, self.reductions, self.rejected = 0, 0, 0, False
         self.costs, self.predictions = [start.cost], list[float]()
         self.ended, self.converged, self.message = False, False, NOT_CONVERGED
@@ -260,7 +259,8 @@ def _return_to_valley(judge: CostFunction, bounds: _Bounds, there: Point, dampin
     """Return from the end of a straight step to the bottom of a curved valley of the cost.
 
     The effect of a circuit on a sharp resonance can be exchanged for damping and stiffness along a curved valley whose
-    sides are 1e10 times as steep as its bottom. With more damping, a step only goes down the side.
+    sides are 1e10 times as steep as its bottom, as can a leakage for coupling and capacitance beside one load. With
+    more damping, a step only goes down the side.
     """
     for _ in range(MAX_RETURN_STEPS):
         step, _ = bounds.step(there, there.information + np.diag(judge.precision), damping)
