@@ -64,7 +64,7 @@ def _by_differences(values: np.ndarray) -> tuple[float, int] | None:
     return float(np.sqrt(squares.mean())), max(1, int(lines))
 
 
-def levels_of(records: Sequence[Record]) -> dict[str, Mapping[str, float]]:
+def levels_of(records: Sequence[Record]) -> Mapping[str, Mapping[str, float]]:
     """Noise of the channels in each record by its name, relative to that in all of them; 1 where it does not show."""
     levels: dict[str, dict[str, float]] = {record.name: {} for record in records}
     for channel in sorted({channel for record in records for channel in record.signals}):
