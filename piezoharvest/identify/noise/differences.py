@@ -13,6 +13,8 @@ STANDARD_DEVIATIONS = 6.0  # by which they may differ: one false alarm in 10^9
 # Standard deviations for one sample of white noise, by simulation: of the logarithm of the variance that the middle
 # order shows, and of its difference between the first and the last.
 OF_VARIANCE, OF_RATIO = 2.5, 0.75
+# The same by medians, and the median of a square over its mean.
+OF_MEDIAN, OF_MEDIAN_RATIO, MEDIAN = 3.4, 1.9, 0.4549364
 
 
 def white_squares(values: np.ndarray) -> np.ndarray | None:
@@ -23,6 +25,15 @@ def white_squares(values: np.ndarray) -> np.ndarray | None:
         return None
     scatter = OF_RATIO * scatter_of(values**2) / np.sqrt(len(values))
     return squares[1] if np.ptp(np.log(means)) < STANDARD_DEVIATIONS * scatter else None
+
+
+def white_variance(values: np.ndarray) -> float | None:
+    """Variance of a channel's noise whatever its signal does in few samples; None with a signal in most of them."""
+    medians = np.array([np.median(_squares(values, order)) for order in ORDERS]) / MEDIAN
+    if not medians.min() > 0.0:
+        return None
+    tolerance = STANDARD_DEVIATIONS * OF_MEDIAN_RATIO / np.sqrt(len(values))
+    return float(medians[1]) if np.ptp(np.log(medians)) < tolerance else None
 
 
 def scatter_of(variance: np.ndarray) -> float:

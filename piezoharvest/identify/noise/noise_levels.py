@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from piezoharvest.identify.noise.differences import OF_VARIANCE, scatter_of, white_squares
+from piezoharvest.identify.noise.differences import OF_MEDIAN, OF_VARIANCE, scatter_of, white_squares, white_variance
 from piezoharvest.identify.noise.drive_denoising import MIN_NOISE, high_frequency_noise
 from piezoharvest.identify.noise.pass_band import attenuated_noise
 from piezoharvest.predict.circuit.setting import has_events
@@ -48,8 +48,9 @@ def _found_floor(record: Record, channel: str) -> tuple[float, int] | None:
     """Noise floor of a channel; of a response that a filter against aliasing attenuates, in the filter's pass band."""
     values = record[channel]
     if channel == record.drive or not is_smooth(record, channel):
-        return high_frequency_noise(values)
-    return attenuated_noise(values, record[record.drive]) or high_frequency_noise(values) or _by_differences(values)
+        return high_frequency_noise(values) or _by_medians(values)
+    of_responses = attenuated_noise(values, record[record.drive]) or high_frequency_noise(values)
+    return of_responses or _by_differences(values) or _by_medians(values)
 
 
 def _by_differences(values: np.ndarray) -> tuple[float, int] | None:
@@ -62,6 +63,14 @@ def _by_differences(values: np.ndarray) -> tuple[float, int] | None:
         return None
     lines = 2.0 * len(values) / (OF_VARIANCE * scatter_of(values**2)) ** 2
     return float(np.sqrt(squares.mean())), max(1, int(lines))
+
+
+def _by_medians(values: np.ndarray) -> tuple[float, int] | None:
+    """Noise floor of a channel that jumps, or bends, in few of its samples."""
+    variance = white_variance(values) if len(values) >= MIN_SAMPLES else None
+    if variance is None or not variance > (MIN_NOISE * np.ptp(values)) ** 2:
+        return None
+    return float(np.sqrt(variance)), int(2.0 * len(values) / OF_MEDIAN**2)
 
 
 def levels_of(records: Sequence[Record]) -> Mapping[str, Mapping[str, float]]:
