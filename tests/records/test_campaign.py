@@ -261,6 +261,14 @@ class TestWrong:
         assert (error.path, error.key, error.channel) == (str(tmp_path / "run.csv"), "force, the drive", "force")
         assert error.message.endswith("its columns are time_s, displacement_m, voltage_V, current_A")
 
+    def test_a_record_of_a_moving_base_is_told_the_drive_that_it_needs(self, tmp_path, columns):
+        del columns["force_N"]
+        columns["a"] = columns["voltage_V"]
+        error = failure(
+            tmp_path, TRANSDUCER + '[channels]\nbase_acceleration = { column = "a" }\n' + RECORD, run_csv=columns
+        )
+        assert error.message.endswith('where the base is what moves, the record needs drive = "base_acceleration"')
+
     def test_nothing_but_the_drive(self, tmp_path, columns):
         kept = {name: columns[name] for name in ("time_s", "force_N")}
         assert (

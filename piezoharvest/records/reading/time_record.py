@@ -74,7 +74,8 @@ class TimeRecordReader:
             drive = channel == self.entry.drive
             if level == "record" or drive or (channel == "time" and level == "campaign"):
                 what = f"{channel}, the drive" if drive else channel
-                raise CampaignError(self.files.folder / name, what, error.message, channel=channel) from None
+                message = error.message + (self._other_drive() if drive else "")
+                raise CampaignError(self.files.folder / name, what, message, channel=channel) from None
             if channel == "time" and (known := _named_time(reader)):
                 self.columns[channel] = [known]
                 if reader.unit(known) is None:
@@ -87,6 +88,13 @@ class TimeRecordReader:
                 self.findings.append(Finding("warning", "missing column", name, channel, (), message))
         except ReadError as error:
             raise self.files.error(name, channel, error) from None
+
+    def _other_drive(self) -> str:
+        """What a record without a force says if [channels] names the acceleration of its base; else ""."""
+        named = {channel for channel, (_, level) in self.sources.items() if level != "default"}
+        if self.entry.drive != "force" or "force" in named or "base_acceleration" not in named:
+            return ""
+        return '; where the base is what moves, the record needs drive = "base_acceleration"'
 
     def _read(self) -> dict[str, np.ndarray]:
         """Raw values by channel, file by file, all of one length."""
