@@ -17,9 +17,11 @@ from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.any_prediction import AnyPrediction
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+from piezoharvest.predict.prediction import PredictionError
 
 # Cycles per sample: bands of the colour of residuals, from about an octave each down to a line of 10^4 samples.
 BAND_EDGES = np.array([0.0, 1e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 5e-3, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 1.0])
+LARGEST = 1e120  # residual or derivative whose squares, over those of a noise, are still numbers
 MIN_ROUNDING_ERROR = 1e-3  # of the noise: smaller errors by rounding are neglected
 
 
@@ -181,6 +183,8 @@ class Whitener:
         for begin, found, slopes in evaluated(model, self._data, nuisance):
             end = begin + len(found)
             residual = found - self.passed(begin, end)
+            if not (np.abs(residual).max() < LARGEST and np.abs(slopes).max(initial=0.0) < LARGEST):
+                raise PredictionError("the model diverges: its predictions leave the range of numbers")
             predicted = self._data.part(begin, end) - residual
             residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
             white, rows = self._of(len(residual))
