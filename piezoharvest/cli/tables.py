@@ -228,7 +228,7 @@ def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
         ("harvested_power", "W") if "harvested_power" in chosen[0]["worst_case"] else ("attenuation_db", "dB")
     )
     series, spread = chosen[0]["series"], f"{100 * chosen[0]['tolerance']:g}"
-    costs = [one and one["cost"] for one in parts]
+    costs = [one["cost"] if one else None for one in parts]
     return [
         Column(f"cost of {series}", *_told(costs, unit == "dB")),
         Column(f"worst within {spread} %", unit, [one["worst_case"][figure] if one else None for one in parts]),
