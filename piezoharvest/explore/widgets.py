@@ -58,6 +58,7 @@ def plot(
     """Curve of one column over another, and of a second one where it is given; the pointer reads its values."""
     drawn: Any = figure(
         height=_HEIGHT, sizing_mode="stretch_width", tools="pan,box_zoom,reset,save", toolbar_location="above",
+        min_border_right=24,  # half of a label at the end of the axis
         **options,
     )  # fmt: skip
     for axis in (drawn.xaxis, drawn.yaxis):
