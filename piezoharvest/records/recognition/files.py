@@ -30,7 +30,7 @@ from piezoharvest.study import StudyError
 _STRUCTURE = r"tip|beam|laser|ldv|mass|plate|mid\w*|end|host|struct\w*|vib\w*|mech\w*|polytec|free"
 _ELECTRODES = (
     r"p|pz|pzt|piezo\w*|pvdf|mfc|patch|peh|harv\w*|transducer|elec\w*|"
-    r"oc|out\w*|load|l|r|rl|res\w*|shunt|term\w*|sens\w*"
+    r"oc|out\w*|r?load|l|r|rl|res\w*|shunt|term\w*|sens\w*"
 )
 _DRIVEN = r"ext|in|exc\w*|shaker|hammer|drive|act\w*|app\w*|meas\w*"
 
@@ -241,7 +241,7 @@ def _named_like(name: str, unit: Unit | None) -> str | None:
     """Channel that a name, or the last part of its path, is a word for; a motion by the unit that the file states."""
     parts = (name, last_part(name), name.rsplit(".", 1)[-1])
     bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
-    words = (*bare, name.lower())
+    words = (*bare, name.lower(), re.sub(r"^i\((.*)\)$", r"i \1", name.lower()))  # of simulators: I(Rload)
     channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
     if channel in _MOTIONS and unit is not None:
         return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
