@@ -16,6 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezoharvest.readers.base import Reader, ReadError, check_count
+from piezoharvest.readers.units import Unit, stated_unit
 
 MOST_HEADER = 1 << 20  # bytes in which a header ends
 
@@ -69,6 +70,11 @@ class SpiceRaw(Reader):
             return {name: self._uneven[name] for name in names}
         times = self._uneven[self.names[0]]
         return {name: np.interp(self._times, times, self._uneven[name]) for name in names}
+
+    def unit(self, name: str) -> Unit | None:
+        """Unit of times and frequencies; a voltage may stand for any other quantity."""
+        known = {"time": "s", "frequency": "Hz"}.get(name.lower()) if name == self.names[0] else None
+        return stated_unit(f"{name} [{known}]")[1] if known else None
 
     def time_of(self, name: str) -> np.ndarray | None:
         return None if self._over_frequency else self._times
