@@ -107,3 +107,9 @@ def test_a_file_of_another_kind_is_told_what_begins_with_it(tmp_path, capsys, co
     (tmp_path / name).write_bytes(content)
     assert main([command, str(tmp_path / name)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_decimal_comma_is_told(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(STUDY.replace("amplitude = 1.0", "amplitude = 1,5  # N"))
+    assert main(["simulate", str(tmp_path / "study.toml")]) == 2
+    assert "line 5: found 1,5, must have a decimal point, not a comma" in capsys.readouterr().err

@@ -81,6 +81,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     StudyError
         The file cannot be read, is too large, is not UTF-8 or not TOML.
     """
+    text = ""
     try:
         check_readable(path, MAX_TOML_BYTES)
         text = path.read_bytes().decode("utf-8-sig")
@@ -100,7 +101,16 @@ def read_toml(path: Path) -> dict[str, Any]:
         what = "tables nested too deeply" if isinstance(error, RecursionError) else str(error)
         if what.startswith(("Cannot overwrite", "Cannot declare")):  # as where a study has a file and a table, too
             what = f"a key or table is given twice ({what})"
-        raise StudyError(path, "", _of_another_kind(path) or f"not a valid TOML file: {what}") from None
+        message = _of_another_kind(path) or _decimal_comma(text, what) or f"not a valid TOML file: {what}"
+        raise StudyError(path, "", message) from None
+
+
+def _decimal_comma(text: str, what: str) -> str:
+    """What is wrong with the line of a syntax error, if that is a number with a comma; else ""."""
+    place = re.search(r"at line (\d+)", what)
+    line = text.splitlines()[int(place[1]) - 1].strip() if place and int(place[1]) <= len(text.splitlines()) else ""
+    found = re.match(r"[^=]*=\s*([+-]?\d+,\d+)\s*(#|$)", line)
+    return f"line {place[1]}: found {found[1]}, must have a decimal point, not a comma" if place and found else ""
 
 
 def _of_another_kind(path: Path) -> str:

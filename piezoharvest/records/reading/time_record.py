@@ -126,9 +126,10 @@ class TimeRecordReader:
         source, columns = self._source(channel), self.columns.get(channel, [])
         if channel == "time":
             return Signal(values, None, name, ", ".join(columns), self.files.reader(name).numbering)
-        reverse = source.reverse(UNITS[channel], self.files.unit(name, columns, UNITS[channel]))
+        stated = self.files.unit(name, columns, UNITS[channel])
+        reverse, factor = source.reverse(UNITS[channel], stated), source.factor(UNITS[channel], stated)
         sigma = source.sigma_si(UNITS[channel])
-        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse)
+        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse, factor)
 
     def _source(self, channel: str) -> ChannelSource:
         return self.sources[channel][0] if channel in self.sources else ChannelSource()
