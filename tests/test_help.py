@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 import piezoharvest as ph
+from piezoharvest.cli import main
 from piezoharvest.description import effects, shunts
 from piezoharvest.description.parameters import Component, described, quantity
 
@@ -45,3 +46,10 @@ def test_a_component_of_ones_own():
 
     lines = ["size : float (m), optional", "    Size of it; greater than 0 m; default 2.0.", "name : str, optional"]
     assert Made.__doc__ == "\n".join(["With fields.", "", "Parameters", "----------", *lines, "    Its name."])
+
+
+def test_no_summary_of_a_command_is_cut(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["--help"]) == 0
+    said = capsys.readouterr().out.split("Commands:")[1]
+    assert said.count("\n") > 10 and "..." not in said and "…" not in said

@@ -333,3 +333,26 @@ def test_waveforms_of_an_exported_netlist_are_known(tmp_path):
     response = simulate(System(system.transducer, system.shunts[1]), system.excitation)
     peak = np.ptp(found.values["displacement"]) / 2
     assert peak == pytest.approx(response.displacement_amplitude, rel=0.01)
+
+
+LABORATORIES = {
+    "voltage": ["v_piezo", "Vpiezo", "V_p", "Vp", "u_pzt", "PZT", "pvdf1", "V_oc", "Vout", "v_load", "uR", "V_mfc (V)",
+                "piezo_v"],
+    "current": ["i_piezo", "iL", "I_load", "i_p"],
+    "velocity": ["v_tip", "vLaser", "vel_tip", "V_beam", "LDV_velocity", "vel"],
+    "displacement": ["x_tip", "w_tip", "tip_x", "disp_um", "laser displacement", "x_beam"],
+    "acceleration": ["a_tip", "acc_tip", "acc1"],
+    "base_acceleration": ["a_base", "acc_base", "base_acc", "shaker acceleration"],
+    "force": ["f_shaker", "F_ext", "shaker_force", "Fin", "hammer"],
+    "dc_voltage": ["v_rect", "V_DC", "vstore"],
+    None: ["ch1", "y", "temp", "v_base", "x_base", "index", "Ip_address"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("channel", "name"), [(c, name) for c, names in LABORATORIES.items() for name in names])
+def test_names_that_laboratories_use(tmp_path, channel, name):
+    """A letter alone says little: v_tip is a velocity, v_piezo a voltage."""
+    other = "F" if channel == "acceleration" else "other"  # without a force it would be that of the base
+    (tmp_path / "run.csv").write_text(f't,{other},"{name}"\n0,1,1\n0.001,2,3\n0.002,1,2\n', encoding="utf-8")
+    found = look_into(tmp_path / "run.csv")
+    assert {c for c, column in found.columns.items() if column == name} == ({channel} if channel else set())

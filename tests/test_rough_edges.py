@@ -8,7 +8,7 @@ import pytest
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.diagnose_command import _p_value
 from piezoharvest.cli.tables import _FIGURES, _without_zeros_of_failures
-from piezoharvest.diagnose.summary import _judged
+from piezoharvest.diagnose.summary import judged_error
 from piezoharvest.engine.simulation import _failed
 from piezoharvest.study import StudyError, load_study
 
@@ -53,7 +53,7 @@ def test_a_p_value_is_never_zero(value, text):
 
 @pytest.mark.parametrize(("kept", "words"), [((), "the error of the fitted records"), ((1,), "the validation error")])
 def test_what_an_effect_is_judged_by(kept, words):
-    assert _judged(SimpleNamespace(campaign=SimpleNamespace(of_role=lambda role: kept))) == words
+    assert judged_error(SimpleNamespace(campaign=SimpleNamespace(of_role=lambda role: kept))) == words
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import pytest
 
 import piezoharvest as ph
+from piezoharvest.cli import main
 
 TRANSDUCER = ph.Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 SYSTEM = ph.System(TRANSDUCER, ph.Resistor(resistance=1e5))
@@ -90,3 +91,25 @@ def test_known_keys_of_a_transducer_name_the_other_ways_to_give_it(tmp_path):
     path.write_text(STUDY.replace("[transducer]", '[transducer]\ndatashet = "x"'))
     with pytest.raises(ph.StudyError, match=r"transducer\.datashet: unknown key \(did you mean 'datasheet'\?\).*modal"):
         ph.load_study(path)
+
+
+@pytest.mark.parametrize("command", ["simulate", "identify", "explore"])
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("run.lvm", b"LabVIEW Measurement\n", "found a data file, but a TOML file that describes it is needed"),
+        ("run.mat", b"\xe0MATLAB 5.0", "piezoharvest new campaign run.mat writes one"),
+        ("coil.cir", b"* title\nL1 1 0 1m\n", "found a netlist, but a TOML file is needed: piezoharvest import"),
+        ("study.toml", b"title\n", "not a valid TOML file"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_what_begins_with_it(tmp_path, capsys, command, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    assert main([command, str(tmp_path / name)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_decimal_comma_is_told(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(STUDY.replace("amplitude = 1.0", "amplitude = 1,5  # N"))
+    assert main(["simulate", str(tmp_path / "study.toml")]) == 2
+    assert "line 5: found 1,5, must have a decimal point, not a comma" in capsys.readouterr().err

@@ -304,9 +304,9 @@ def export(
         float, typer.Option(metavar="SHARE", min=0.0, help="Relative difference that --check allows.")
     ] = 0.01,
 ) -> Work:
-    """Write a netlist for circuit simulators that starts in the steady state.
+    """Write a netlist for ngspice and LTspice.
 
-    A schematic for LTspice is written to a FILE that ends in .asc.
+    It starts in the steady state. A schematic for LTspice is written to a FILE that ends in .asc.
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
@@ -389,7 +389,10 @@ def catalogue(
     ] = None,
     json: AsJson = False,
 ) -> Work:
-    """Show the transducers and materials that come with the package, with their sources."""
+    """Show the transducers, materials and parts of the catalogue.
+
+    They come with the package, with their sources.
+    """
     from piezoharvest.cli import catalogue_command
 
     return partial(catalogue_command.show, name, as_json=json)

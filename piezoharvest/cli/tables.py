@@ -143,7 +143,7 @@ def print_design(title: str, result: Mapping[str, Any], *, damping: bool = False
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
         *([Column("added damping", "%", [percent(row.get("added_damping")) for row in rows])] if damping else []),
-        Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
+        Column("gap to bound", *_told([row.get("gap_to_bound") for row in rows], damping)),
         *_parts_columns([row.get("parts") for row in rows]),
         *_worst_columns([row.get("worst_case") for row in rows]),
     ]
@@ -228,12 +228,18 @@ def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
         ("harvested_power", "W") if "harvested_power" in chosen[0]["worst_case"] else ("attenuation_db", "dB")
     )
     series, spread = chosen[0]["series"], f"{100 * chosen[0]['tolerance']:g}"
-    scale = 1 if unit == "dB" else 100
-    costs = [(scale * one["cost"] if abs(one["cost"]) >= _MIN_COST else 0.0) if one else None for one in parts]
+    costs = [one["cost"] if one else None for one in parts]
     return [
-        Column(f"cost of {series}", "dB" if unit == "dB" else "%", costs),
+        Column(f"cost of {series}", *_told(costs, unit == "dB")),
         Column(f"worst within {spread} %", unit, [one["worst_case"][figure] if one else None for one in parts]),
     ]
+
+
+def _told(differences: Sequence[float | None], decibels: bool) -> tuple[str, list[float | None]]:
+    """Unit and values of differences in dB, or of shares in per cent; 0 for what the tuning cannot tell from it."""
+    scale = 1.0 if decibels else 100.0
+    told = [None if each is None else scale * each if abs(each) >= _MIN_COST else 0.0 for each in differences]
+    return "dB" if decibels else "%", told
 
 
 def _worst_columns(cases: Sequence[Mapping[str, Any] | None]) -> list[Column]:

@@ -13,6 +13,7 @@ from piezoharvest.diagnose.discovery.other_places import rivals
 from piezoharvest.diagnose.discovery.search import can_search
 from piezoharvest.diagnose.discovery.verdict import explained
 from piezoharvest.diagnose.extended_estimates import estimates_with_effects, is_implausible
+from piezoharvest.diagnose.final_weights import finally_weighted
 from piezoharvest.diagnose.named_effects import last_is_chance, last_is_idle, named_effect, named_effects
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
 from piezoharvest.diagnose.preparation.held_values import identified
@@ -76,14 +77,14 @@ def diagnose(
     cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
         found = _diagnose_all(campaign, progress, library)
-        return _with_laws(found, campaign, progress) if library is None else found
+        return finally_weighted(_with_laws(found, campaign, progress) if library is None else found)
     progress(f"{', '.join(cut.records)}: the {cut.effect.channel} saturated; the samples after that are left out")
     try:
         found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
     except PredictionError as error:
         progress(f"the remaining samples cannot be fitted: {error}")
         found = None
-    return found or _diagnose_all(campaign, progress, library)
+    return finally_weighted(found or _diagnose_all(campaign, progress, library))
 
 
 def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], None]) -> Diagnosis:

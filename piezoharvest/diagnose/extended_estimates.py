@@ -26,9 +26,10 @@ def estimates_with_effects(before: Identification, final: Fit) -> Iterator[Estim
             nominal = replace(estimate, value=estimate.nominal, std=None, identifiable=False)
             yield replace(nominal, experiment=experiment(estimate.parameter)) if estimate.identifiable else estimate
             continue
-        value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
-        slope = estimate.parameter.slope(estimate.parameter.inner(value))
-        error = float(slope * std[k])
+        # The scaling of this fit: the one before may have kept the sign of a coupling, which this one varies.
+        parameter = final.model.parameters[k]
+        value = float(np.real(value_at(final.model.transducer, parameter.path)))
+        error = float(parameter.slope(parameter.inner(value)) * std[k])
         identifiable = relative_error(value, error) < thresholds.MAX_RELATIVE_ERROR
         yield replace(
             estimate, value=value, std=error, identifiable=identifiable, combination="",

@@ -87,8 +87,18 @@ def _is_needed(campaign: Campaign, before: Identification, trials: CandidateFits
 
 def named_effect(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
     """The n-th effect with its gain and its parameters."""
-    final, (before, _), (after, _) = search.final, squares[n], squares[n + 1]
+    (before, _), (after, _) = squares[n], squares[n + 1]
     gain = (before - after) / max(squares[0][0] - _noise_squares(*squares[-1]), MIN_EXCESS)
+    values, held = values_of(problem, search, n)
+    costs = [search.base.cost, *(each.cost for each in search.nested)]
+    spoiled = spoils(before, after, costs[n] - costs[n + 1])
+    gain, other = 0.0 if held else float(np.clip(gain, -1.0, 1.0)), search.other_signs.get(search.order[n].name)
+    return Named(search.order[n], search.p_values[n], gain, values, spoiled, other)
+
+
+def values_of(problem: Problem, search: Search, n: int) -> tuple[dict[str, tuple[float, float | None, str]], bool]:
+    """Values of the n-th effect's parameters with standard errors and units, and whether it is held as it is."""
+    final = search.final
     scatter = covariance(final)
     std = np.sqrt(np.diag(scatter))
     values: dict[str, tuple[float, float | None, str]] = {}
@@ -114,9 +124,7 @@ def named_effect(problem: Problem, search: Search, n: int, squares: Sequence[tup
         name = type(effect).strength().name
         value, error, unit = values[name]
         values[name] = (value, other.spread(value, error or 0.0), unit)
-    costs = [search.base.cost, *(each.cost for each in search.nested)]
-    spoiled = spoils(before, after, costs[n] - costs[n + 1])
-    return Named(effect, search.p_values[n], 0.0 if held else float(np.clip(gain, -1.0, 1.0)), values, spoiled, other)
+    return values, held
 
 
 def _noise_squares(squares: float, count: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from piezoharvest.diagnose.result import Diagnosis
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.preparation import prepared
 from piezoharvest.identify.residual_quality import judged
+from piezoharvest.records.record import FrequencyRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,16 @@ def residuals(diagnosis: Diagnosis) -> Iterator[Residuals]:
     unseen, checks = validated(diagnosis.campaign, diagnosis.before, found)
     if any(each.role == "validate" for each in unseen.data):
         yield from _residuals_of(unseen, checks)
+
+
+def responses(diagnosis: Diagnosis) -> Iterator[tuple[FrequencyRecord, np.ndarray, np.ndarray]]:
+    """Measured responses with what the model predicts without and with effects, each (f,); fitted records first."""
+    models = [replace(found.model, parameters=()) for found in (diagnosis.before.found, diagnosis.search.final)]
+    for role in ("fit", "validate"):
+        for data in prepared(diagnosis.campaign, role):
+            if isinstance(data, FrequencyData):
+                before, after = (data.response(model)[0] for model in models)
+                yield data.record, before, after
 
 
 def _residuals_of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:

@@ -136,7 +136,7 @@ class Diagnosis(Shown):
         before, after = self.validation_before, self.validation_after
         channels = [name for name in before.rms if after.rms.get(name) and before.noise.get(name)]
         for label, quality, marker in (("before", before, "o"), ("after", after, "x")):
-            axes.plot(channels, [quality.rms[name] / quality.noise[name] for name in channels], marker, label=label)
+            axes.plot(channels, [quality.ratio(name) for name in channels], marker, label=label)
         axes.axhline(1.0, color="0.4", linestyle="--", label="noise")
         axes.set(ylabel="rms of the error over that of the noise", yscale="log")
         axes.legend()

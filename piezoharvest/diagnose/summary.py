@@ -150,7 +150,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
         them = "it" if len(diagnosis.effects) == 1 else "them"
-        share = f"{100 * gain:.0f} % of {_judged(diagnosis)}"
+        share = f"{100 * gain:.0f} % of {judged_error(diagnosis)}"
         return f"The model lacked {names}: including {them} removes {share} above the noise."
     if diagnosis.discovery:
         return _verdict_of_laws(diagnosis)
@@ -165,7 +165,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     return f"Something is missing that no known effect explains.{found}{spoiled}"
 
 
-def _judged(diagnosis: Diagnosis) -> str:
+def judged_error(diagnosis: Diagnosis) -> str:
     """By which error an effect is judged: that of records that were kept back, if there are any."""
     return "the validation error" if diagnosis.campaign.of_role("validate") else "the error of the fitted records"
 
@@ -173,7 +173,9 @@ def _judged(diagnosis: Diagnosis) -> str:
 def _verdict_of_laws(diagnosis: Diagnosis) -> str:
     laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
     gain = sum(law.gain for law in diagnosis.discovery)
-    removed = f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:.0f} % of {_judged(diagnosis)}"
+    removed = (
+        f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:.0f} % of {judged_error(diagnosis)}"
+    )
     told = f"No known effect explains what was missing, but {laws}, {removed} above the noise."
     if diagnosis.verdict == "new_effect":
         return told

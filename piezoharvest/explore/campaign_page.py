@@ -12,10 +12,10 @@ from bokeh.models import ColumnDataSource, Div, MultiChoice, Select
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.explore.campaign import CampaignExplorer, Seen, telling, with_values
 from piezoharvest.explore.knobs import Knob
-from piezoharvest.explore.widgets import Coalesced, beside, page_of, plot, report_table
+from piezoharvest.explore.widgets import Coalesced, beside, name_axis, page_of, plot, report_table
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.reading.channels import UNITS
-from piezoharvest.report.units import engineering, pretty_unit
+from piezoharvest.report.units import engineering
 
 if TYPE_CHECKING:
     from bokeh.document import Document
@@ -64,10 +64,9 @@ class CampaignPage:
 
     def _name_axes(self, channel: str, shown: Seen) -> None:
         """What the axes show: of a frequency response dB."""
-        unit = pretty_unit(UNITS[channel]) if shown.rms else "dB"
         for drawn, name in zip(self._drawn, (channel, "residual"), strict=True):
-            drawn.xaxis.axis_label = "time, s" if shown.rms else "frequency, Hz"
-            drawn.yaxis.axis_label = f"{name}, {unit}"
+            name_axis(drawn, "x", *(("time", "s") if shown.rms else ("frequency", "Hz")))
+            name_axis(drawn, "y", name, UNITS[channel] if shown.rms else "dB")
 
     def _choose(self, keep: bool = False) -> None:
         """Sliders of the effects that are on; those of the same record keep their values."""

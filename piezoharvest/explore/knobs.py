@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.paths import found_at
-from piezoharvest.report.units import pretty_unit
 from piezoharvest.study.building import unit_of
 
 if TYPE_CHECKING:
@@ -15,13 +14,8 @@ if TYPE_CHECKING:
 
 DECADES = 2.0  # of a slider to either side of a size, as a load or an inductance
 STEPS = 400  # of a slider
+DIGITS = 4  # of a value on the page, and in a saved study
 _INSIDE = 1.001  # of a bound that is not allowed itself
-# A logarithm as the number that it stands for, with an SI prefix.
-_ENGINEERING = """
-const power = Math.max(-5, Math.min(4, Math.floor(tick / 3 + 1e-9)));
-const prefix = ["f", "p", "n", "µ", "m", "", "k", "M", "G", "T"][power + 5];
-return (10 ** (tick - 3 * power)).toPrecision(4) + " " + prefix + unit;
-"""
 
 
 class Knob(NamedTuple):
@@ -56,16 +50,18 @@ class Knob(NamedTuple):
         return math.log10(value) if self.logarithmic else value
 
     def from_slider(self, position: float) -> float:
-        """Value at a position of the slider."""
-        return 10.0**position if self.logarithmic else position
+        """Value at a position of the slider, with the digits that the page shows."""
+        value = float(f"{10.0**position if self.logarithmic else position:.{DIGITS}g}")
+        return min(max(value, self.low), self.high)
 
     def slider(self, title: str = "") -> Slider:
         """Slider of the page, with its label as the title where there is no other."""
-        from bokeh.models import CustomJSTickFormatter, Slider
+        from bokeh.models import Slider
+
+        from piezoharvest.explore.widgets import number_formatter
 
         low, high = self.to_slider(self.low), self.to_slider(self.high)
-        code = _ENGINEERING if self.logarithmic else "return Number(tick.toPrecision(5)) + ' ' + unit;"
-        shown = CustomJSTickFormatter(code=code, args={"unit": pretty_unit(self.unit)})
+        shown = number_formatter(self.unit, logarithm=self.logarithmic)
         return Slider(
             title=title or self.label, start=low, end=high, value=self.to_slider(self.value), step=(high - low) / STEPS,
             format=shown, sizing_mode="stretch_width", name=self.path,

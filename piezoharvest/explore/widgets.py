@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bokeh.layouts import column, row
-from bokeh.models import CustomJSTickFormatter, Div, HoverTool
+from bokeh.models import CustomJSHover, CustomJSTickFormatter, Div, HoverTool
 from bokeh.plotting import figure
 
-from piezoharvest.report.units import pretty_unit
+from piezoharvest.explore.knobs import DIGITS
+from piezoharvest.report.units import pretty_unit, takes_prefix
 
 if TYPE_CHECKING:
     from bokeh.document import Document
@@ -19,11 +20,13 @@ if TYPE_CHECKING:
 _COLOUR, _SECOND = "#1f5fa8", "#c4541a"
 _HEIGHT = 230  # pixels of a plot
 _TICKS = 5  # about, of an axis
-# A number with an SI prefix.
-_TICK = """
-if (tick == 0) return "0";
-const power = Math.max(-5, Math.min(4, Math.floor(Math.log10(Math.abs(tick)) / 3 + 1e-9)));
-return Number((tick / 10 ** (3 * power)).toPrecision(4)) + ["f", "p", "n", "µ", "m", "", "k", "M", "G", "T"][power + 5];
+# A number with its unit, which has an SI prefix if it takes one.
+_SHOWN = """
+const shown = value => {
+  const power = prefixed && value ? Math.max(-5, Math.min(4, Math.floor(Math.log10(Math.abs(value)) / 3 + 1e-9))) : 0;
+  const prefix = ["f", "p", "n", "µ", "m", "", "k", "M", "G", "T"][power + 5];
+  return `${Number((value / 10 ** (3 * power)).toPrecision(digits))} ${prefix}${unit}`.trim();
+};
 """
 # A telephone shows the page at its own width.
 _HEAD = """{% block preamble %}<meta name="viewport" content="width=device-width, initial-scale=1">
@@ -55,11 +58,12 @@ def plot(
     """Curve of one column over another, and of a second one where it is given; the pointer reads its values."""
     drawn: Any = figure(
         height=_HEIGHT, sizing_mode="stretch_width", tools="pan,box_zoom,reset,save", toolbar_location="above",
-        x_axis_label=_axis(x, units), y_axis_label=_axis(y, units), **options,
+        min_border_right=24,  # half of a label at the end of the axis
+        **options,
     )  # fmt: skip
     for axis in (drawn.xaxis, drawn.yaxis):
         axis.ticker.desired_num_ticks = _TICKS
-        axis.formatter = CustomJSTickFormatter(code=_TICK)
+        axis.formatter = number_formatter("")
     names = {"legend_label": y} if of else {}
     curve = drawn.line(x, y, source=source, color=_COLOUR, line_width=1.5, **names)
     if of:
@@ -68,13 +72,34 @@ def plot(
         drawn.add_layout(drawn.legend[0], "above")
     drawn.toolbar.logo = None
     shown = [name for name in (x, y, of) if name]
-    tips = [(name, f"@{name}{{0.0000e+0}}") for name in shown]
-    drawn.add_tools(HoverTool(tooltips=tips, renderers=[curve], mode="vline" if x in ("time", "x") else "mouse"))
+    tips: list[Any] = [(name, f"@{name}{{custom}}") for name in shown]
+    code = f"{_SHOWN}return shown(value);"
+    read: Any = {f"@{name}": CustomJSHover(code=code, tags=["x" if name == x else "y"]) for name in shown}
+    mode: Any = "vline" if x in ("time", "x") else "mouse"
+    drawn.add_tools(HoverTool(tooltips=tips, formatters=read, renderers=[curve], mode=mode))
+    for axis, name in (("x", x), ("y", y)):
+        name_axis(drawn, axis, name, units[name])
     return drawn
 
 
-def _axis(name: str, units: Mapping[str, str]) -> str:
-    return f"{name}, {pretty_unit(units[name])}" if units[name] else name
+def name_axis(drawn: Any, which: str, name: str, unit: str) -> None:
+    """Name the "x" or "y" axis of a plot, and give its ticks and what the pointer reads there the SI unit."""
+    axis, args = getattr(drawn, f"{which}axis")[0], _unit_args(unit)
+    axis.axis_label, axis.formatter.args = name, args
+    for hover in drawn.select(type=HoverTool):
+        for reader in hover.formatters.values():
+            if reader.tags == [which]:
+                reader.args = args
+
+
+def number_formatter(unit: str, *, logarithm: bool = False) -> CustomJSTickFormatter:
+    """Formatter of numbers with an SI unit, or of logarithms as the numbers that they stand for."""
+    code = f"{_SHOWN}return shown({'10 ** tick' if logarithm else 'tick'});"
+    return CustomJSTickFormatter(code=code, args=_unit_args(unit))
+
+
+def _unit_args(unit: str) -> dict[str, Any]:
+    return {"unit": pretty_unit(unit), "prefixed": takes_prefix(unit), "digits": DIGITS}
 
 
 def report_table(rows: Mapping[str, str]) -> str:

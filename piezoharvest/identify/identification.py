@@ -94,7 +94,7 @@ def identify(
         first = fit(problem, first.model, begun, first.noise, progress=progress, rounds=2)
     relaxed = may_have_initial_states(problem, first.model) and not has_initial_states(problem, first)
     model = replace(first.model, relaxed=True) if relaxed else first.model
-    first = _with_final_weights(problem, first, progress)
+    first = with_final_weights(problem, first, progress)
     nuisance = nuisance_for_model(problem, first.model, first.nuisance, model)
     verdict = select_parameters(problem, first, replace(model, transducer=first.model.transducer), nuisance, progress)
     last = verdict.last
@@ -196,7 +196,7 @@ def _fit_near(problem: Problem, model: Model, near: Identification, progress: Pr
     return fit(problem, model, nuisance, noise, estimate_noise=False, progress=progress)
 
 
-def _with_final_weights(problem: Problem, first: Fit, progress: Progress) -> Fit:
+def with_final_weights(problem: Problem, first: Fit, progress: Progress = lambda text: None) -> Fit:
     """The same fit with the final weights of the responses, so that later fits can be compared with it."""
     factors = noise_of_responses(problem, first)
     if all(abs(factor / first.noise.sigma[name] - 1.0) < WEIGHT_TOLERANCE for name, factor in factors.items()):

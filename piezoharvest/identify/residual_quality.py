@@ -28,7 +28,8 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
             noise = float(np.sqrt(np.mean(each.sigma_of_lines**2)))
             output = f"{each.record.output}/{each.record.input}"
-            quality, judgement = Quality({output: rms}, {output: noise}), each.judged(value)
+            judgement = each.judged(value)
+            quality = Quality({output: rms}, {output: noise}, {output: judgement.ratio})
             missed = judgement.missed is not None
             each_record.append(RecordQuality(each.name, each.role, quality, {}, _warning(each, judgement), missed))
             continue
@@ -90,4 +91,4 @@ def combined_quality(records: Sequence[RecordQuality]) -> Quality:
                 values.setdefault(channel, []).append(value)
         return {channel: float(np.sqrt(np.mean(np.square(some)))) for channel, some in values.items()}
 
-    return Quality(mean("rms"), mean("noise"))
+    return Quality(mean("rms"), mean("noise"), mean("weighted"))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,19 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Quality:
-    """Rms of the residuals, and rms expected from noise alone, by channel; SI units."""
+    """Rms of the residuals, and rms expected from noise alone, by channel; SI units.
+
+    `weighted`, of responses, whose noise depends on the frequency: rms of the residual of each line over its own noise.
+    """
 
     rms: Mapping[str, float]
     noise: Mapping[str, float]
+    weighted: Mapping[str, float] = field(default_factory=dict)
+
+    def ratio(self, channel: str) -> float:
+        """Residual of a channel in units of the noise."""
+        noise = self.noise[channel]
+        return self.weighted.get(channel, self.rms[channel] / noise if noise else math.inf)
 
 
 @dataclass(frozen=True)

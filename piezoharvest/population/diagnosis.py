@@ -159,7 +159,7 @@ class SpecimensDiagnosis:
 
     def quality(self, which: str) -> Quality:
         """Residuals of records that were not fitted, "before" or "after", of all specimens of the kind."""
-        rows: dict[str, list[dict[str, float]]] = {"rms": [], "noise": []}
+        rows: dict[str, list[dict[str, float]]] = {"rms": [], "noise": [], "weighted": []}
         for each in self.of_kind:
             for name, some in rows.items():
                 some.append(dict(getattr(getattr(each, which), name)))

@@ -1,8 +1,9 @@
-"""Waveforms of ngspice and LTspice (.raw), binary or text, of a transient analysis.
+"""Waveforms and responses of ngspice and LTspice (.raw), binary or text, of a transient or an AC analysis.
 
-A simulator takes steps of its own, records are samples at even times: the waveforms are read at the largest of the
-steps, between them on straight lines, as the simulator's own viewer draws them. Formats: ngspice manual, section "Raw
-file"; LTspice writes the header in UTF-16 and, unless told otherwise, all but the time in single precision.
+An AC analysis has complex values over its frequencies, as it is. In a transient one a simulator takes steps of its own,
+records are samples at even times: the waveforms are read at the largest of the steps, between them on straight lines,
+as the simulator's own viewer draws them. Formats: ngspice manual, section "Raw file"; LTspice writes the header in
+UTF-16 and, unless told otherwise, all but the time in single precision.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from typing import ClassVar
 import numpy as np
 
 from piezoharvest.readers.base import Reader, ReadError, check_count
+from piezoharvest.readers.units import Unit, stated_unit
 
 MOST_HEADER = 1 << 20  # bytes in which a header ends
 
 
 class SpiceRaw(Reader):
-    """A transient analysis of a circuit simulator; columns are named as there, "v(p)", "i(vload)"."""
+    """A transient or AC analysis of a circuit simulator; columns are named as there, "v(p)", "i(vload)"."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
     # Readings of a netlist that `export` has written; its V(drive) is whatever drives the structure, mostly a force.
@@ -32,11 +34,12 @@ class SpiceRaw(Reader):
         super().__init__(path)
         data = path.read_bytes()
         header, body, binary = _split(data)
-        if "transient" not in header.get("plotname", "").lower():
-            plot = header.get("plotname", "none")
-            raise ReadError(f"found the analysis {plot!r}, must be a transient one")
-        for flag in ("complex", "stepped"):
-            if flag in header["flags"].lower().split():
+        plot, flags = header.get("plotname", "none"), header["flags"].lower().split()
+        self._over_frequency = plot.lower().startswith("ac ") and "complex" in flags
+        if "transient" not in plot.lower() and not self._over_frequency:
+            raise ReadError(f"found the analysis {plot!r}, must be a transient or AC one")
+        for flag in ("stepped",) if self._over_frequency else ("complex", "stepped"):
+            if flag in flags:
                 raise ReadError(f"found waveforms that are {flag}, they must be those of a single real run")
         try:
             count, points = int(header["no. variables"]), int(header["no. points"])
@@ -46,22 +49,35 @@ class SpiceRaw(Reader):
         if not (0 < count == len(names) and points > 1):
             raise ReadError(f"found {len(names)} variables and {points} points, the header says {count} variables")
         check_count(count * points)
+        self.names = tuple(names)
+        if self._over_frequency:
+            values = _complex(body, count, points, flags) if binary else _text(body, count, points, complex)
+            if not np.all(np.isfinite(values)):
+                raise ReadError("some values are not numbers")
+            self._uneven = dict(zip(names, values, strict=True)) | {names[0]: np.real(values[0])}
+            return
         values = _binary(body, count, points, header["flags"]) if binary else _text(body, count, points)
         time = np.abs(values[0])  # LTspice marks points that compression kept by a minus
         kept = np.concatenate([[True], np.diff(time) > 0])
         if not np.all(np.isfinite(values)) or np.any(np.diff(time) < 0) or kept.sum() < 2:
             raise ReadError("the times do not increase, or some values are not numbers")
         self._uneven = dict(zip(names, values[:, kept], strict=True)) | {names[0]: time[kept]}
-        self.names = tuple(names)
         step = float(np.max(np.diff(time[kept])))
         self._times = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1 + 1e-12)) + 1)
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        if self._over_frequency:
+            return {name: self._uneven[name] for name in names}
         times = self._uneven[self.names[0]]
         return {name: np.interp(self._times, times, self._uneven[name]) for name in names}
 
+    def unit(self, name: str) -> Unit | None:
+        """Unit of times and frequencies; a voltage may stand for any other quantity."""
+        known = {"time": "s", "frequency": "Hz"}.get(name.lower()) if name == self.names[0] else None
+        return stated_unit(f"{name} [{known}]")[1] if known else None
+
     def time_of(self, name: str) -> np.ndarray | None:
-        return self._times
+        return None if self._over_frequency else self._times
 
     def resolve(self, column: str | int) -> str:
         """Name of a column; simulators do not tell upper from lower case."""
@@ -119,10 +135,25 @@ def _binary(body: bytes, count: int, points: int, flags: str) -> np.ndarray:
     raise ReadError(f"found {len(body)} bytes of values, allowed are {wanted}: cut off, or of several runs")
 
 
-def _text(body: bytes, count: int, points: int) -> np.ndarray:
-    """Values (count, points) from text: the number of each point, then its values."""
+def _complex(body: bytes, count: int, points: int, flags: Sequence[str]) -> np.ndarray:
+    """Complex values (count, points), of double precision."""
+    if len(body) != 16 * count * points:
+        raise ReadError(
+            f"found {len(body)} bytes of values, must be {16 * count * points}: cut off, or of several runs"
+        )
+    values = np.frombuffer(body, "<c16")
+    return values.reshape(count, points) if "fastaccess" in flags else values.reshape(points, count).T
+
+
+def _text(body: bytes, count: int, points: int, kind: type = float) -> np.ndarray:
+    """Values (count, points) from text: the number of each point, then its values, complex ones as "1.0,2.0"."""
     try:
-        values = np.array(body.split(), float)
+        words = body.split()
+        if kind is complex:
+            del words[:: count + 1]  # the numbers of the points
+            parts = np.array([word.split(b",") for word in words], float).reshape(points, count, 2)
+            return (parts[..., 0] + 1j * parts[..., 1]).T
+        values = np.array(words, float)
         return values.reshape(points, count + 1)[:, 1:].T
     except ValueError:
         raise ReadError(f"the text does not hold {points} points of {count} numbers") from None

@@ -34,6 +34,8 @@ class Signal:
         Row of the first sample in the file, counted from 1, or of each if their rows are not consecutive.
     reverse : str
         Keys in [channels] with which the values have the other sign, as text.
+    factor : float
+        SI value of one of the unit in which they were taken to be.
     """
 
     values: np.ndarray
@@ -42,6 +44,7 @@ class Signal:
     column: str
     first_row: int | np.ndarray
     reverse: str = "gain = -1"
+    factor: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

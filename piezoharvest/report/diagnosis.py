@@ -10,10 +10,11 @@ from typing import Any
 from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, run_tests
-from piezoharvest.diagnose.residuals import Residuals, residuals
-from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
+from piezoharvest.diagnose.residuals import Residuals, residuals, responses
+from piezoharvest.diagnose.summary import NOT_HERE, Scored, cosines, judged_error, scored, sentence, values
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import diagnosed
+from piezoharvest.report.figures.identified import response_figure
 from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.frame.rendering import page
 from piezoharvest.report.frame.report_folder import NAME, report_folder
@@ -59,7 +60,11 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
             residuals=list(_residuals(found)),
             validated=bool(found.campaign.of_role("validate")),
             unexplained=percent(found.unexplained),
-            scores=[_score(row, found) for row in rows],
+            judged=judged_error(found),
+            extended=found.extended,
+            scores=[_score(row, found) for row in rows if row.candidate is not None],
+            silent=[row.name for row in rows if row.candidate is None and row.label != NOT_HERE],
+            elsewhere=[row.name for row in rows if row.candidate is None and row.label == NOT_HERE],
             parameters=list(_parameters(found)),
             alike=list(_similar_effects(rows)),
             alternatives=list(_alternatives(found)),
@@ -94,8 +99,8 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     names, table = cosines(rows)
     if len(names) > 1:
         caption = (
-            "1: the records cannot distinguish two effects, given that the fitted parameters are free; 0: they have "
-            "nothing in common. Each effect is evaluated at the start value with the highest score."
+            "Where it is 1, the records cannot distinguish two effects, given that the fitted parameters are free; "
+            "where it is 0, these have nothing in common. Each is evaluated at the start value with the highest score."
         )
         yield Picture(
             "cosines",
@@ -104,6 +109,11 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
             caption,
             diagnosed.cosine_figure(names, table),
         )
+    for n, (record, before, after) in enumerate(responses(found), 1):
+        predicted = {"without effects": before, "with effects": after} if changed else {"predicted": before}
+        caption = "Measured and predicted response; residual in per cent of the measured magnitude."
+        heading = f"{record.name} ({'fitted' if record.role == 'fit' else 'validation'})"
+        yield Picture(f"response_{n}", "records", heading, caption, response_figure(record, predicted))
     for n, each in enumerate(records, 1):
         role = "fitted" if each.data.role == "fit" else "validation"
         caption = (
@@ -181,17 +191,17 @@ def _residuals(found: Diagnosis) -> Iterator[dict[str, Any]]:
         yield {
             "channel": channel, "before": engineering(before.rms[channel], unit),
             "after": engineering(after.rms[channel], unit), "noise": engineering(noise, unit),
-            "ratio": number(after.rms[channel] / noise, 3) if noise else NONE,
+            "ratio": number(after.ratio(channel), 3) if noise else NONE,
         }  # fmt: skip
 
 
 def _score(row: Scored, found: Diagnosis) -> dict[str, Any]:
     candidate = row.candidate
+    assert candidate is not None
     return {
         "name": row.name, "label": row.label, "present": any(named.effect.name == row.name for named in found.effects),
-        "score": NONE if candidate is None else number(candidate.score, 3),
-        "sigma": NONE if candidate is None else number(math.sqrt(max(candidate.score, 0.0)), 2),
-        "p_value": NONE if candidate is None else _p(row.p_value), "sure": row.p_value < MAX_P_VALUE,
+        "score": number(candidate.score, 3), "sigma": number(math.sqrt(max(candidate.score, 0.0)), 2),
+        "p_value": _p(row.p_value), "sure": row.p_value < MAX_P_VALUE,
         "gain": NONE if row.gain is None else number(row.gain, 3), "looks": registered()[row.name].looks,
     }  # fmt: skip
 
@@ -217,10 +227,12 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
     pairs = [
         (abs(table[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(table[i, j]) > MIN_SIMILAR_COSINE
     ]
+    remedies: dict[str, list[str]] = {}
     for size, i, j in sorted(pairs, reverse=True):
         remedy = registered()[names[i]].told_by or registered()[names[j]].told_by
-        pair = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}"
-        yield f"{pair}: {number(size, 2)}. To distinguish them: {remedy}."
+        pair = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')} ({number(size, 2)})"
+        remedies.setdefault(remedy, []).append(pair)
+    yield from (f"{'; '.join(alike)}. To tell them apart: {remedy}." for remedy, alike in remedies.items())
 
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:

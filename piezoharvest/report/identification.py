@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -92,9 +91,7 @@ def _sentence(found: Identification) -> str:
     text = f"{known} of {len(found.estimates)} parameters are determined by {fitted} record{'s' * (fitted != 1)}."
     unseen = bool(found.validation.rms)
     quality, words = (found.validation, "records that were not fitted") if unseen else (found.fit, "these records")
-    ratios = [
-        f"{channel} {number(quality.rms[channel] / noise, 3)}" for channel, noise in quality.noise.items() if noise
-    ]
+    ratios = [f"{channel} {number(quality.ratio(channel), 3)}" for channel, noise in quality.noise.items() if noise]
     return f"{text} Residuals of {words}, relative to the noise: {', '.join(ratios)}."
 
 
@@ -122,8 +119,7 @@ def _unknown(estimate: Estimate) -> dict[str, str]:
 def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
     for record in found.records:
         for channel, rms in record.quality.rms.items():
-            noise, unit = record.quality.noise[channel], response_unit(channel)
-            ratio = rms / noise if noise else math.inf
+            noise, unit, ratio = record.quality.noise[channel], response_unit(channel), record.quality.ratio(channel)
             yield {
                 "file": record.name,
                 "role": "fitted" if record.role == "fit" else "validation",

@@ -17,6 +17,7 @@ MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a stud
 # tomllib takes time in proportion to the square of a key's parts: 16 s for 20,000 of them; our tables need few.
 _MAX_KEY_PARTS = 100
 
+_NETLISTS = (".asc", ".cir", ".net", ".sp", ".spice", ".ckt")
 _LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MAX_KEY_PARTS}}}""")
 
 
@@ -80,6 +81,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     StudyError
         The file cannot be read, is too large, is not UTF-8 or not TOML.
     """
+    text = ""
     try:
         check_readable(path, MAX_TOML_BYTES)
         text = path.read_bytes().decode("utf-8-sig")
@@ -91,10 +93,34 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
-        found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
-        raise StudyError(path, "", f"found {found}, but a TOML file must be text in UTF-8") from None
+        found = f"found byte {error.object[error.start]:#04x} at offset {error.start}"
+        raise StudyError(
+            path, "", _of_another_kind(path) or f"{found}, but a TOML file must be text in UTF-8"
+        ) from None
     except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
         what = "tables nested too deeply" if isinstance(error, RecursionError) else str(error)
         if what.startswith(("Cannot overwrite", "Cannot declare")):  # as where a study has a file and a table, too
             what = f"a key or table is given twice ({what})"
-        raise StudyError(path, "", f"not a valid TOML file: {what}") from None
+        message = _of_another_kind(path) or _decimal_comma(text, what) or f"not a valid TOML file: {what}"
+        raise StudyError(path, "", message) from None
+
+
+def _decimal_comma(text: str, what: str) -> str:
+    """What is wrong with the line of a syntax error, if that is a number with a comma; else ""."""
+    place = re.search(r"at line (\d+)", what)
+    line = text.splitlines()[int(place[1]) - 1].strip() if place and int(place[1]) <= len(text.splitlines()) else ""
+    found = re.match(r"[^=]*=\s*([+-]?\d+,\d+)\s*(#|$)", line)
+    return f"line {place[1]}: found {found[1]}, must have a decimal point, not a comma" if place and found else ""
+
+
+def _of_another_kind(path: Path) -> str:
+    """What a file is by its ending that is no TOML, and what begins a TOML file with it; "" if no such thing."""
+    from piezoharvest.readers import registered  # here: only an error needs it
+
+    ending = path.suffix.lower()
+    if ending in _NETLISTS:
+        return "found a netlist, but a TOML file is needed: piezoharvest import makes a shunt of it, for a study"
+    if ending in registered():
+        needed = "a TOML file that describes it is needed"
+        return f"found a data file, but {needed}: piezoharvest new campaign {path.name} writes one"
+    return ""

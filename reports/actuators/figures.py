@@ -119,6 +119,7 @@ def responses() -> Figure:
             ax.plot(x, r.total[seen, j, j] * 1e6, color=colour, linewidth=0.7, linestyle=(0, (4, 1.5)))
             ax.plot(x, r.noise[seen, j, j] * 1e6, color=colour, linewidth=0.7, linestyle=":")
         ax.set(yscale="log", ylabel=f"|G| {j + 1}{j + 1} in µm/V", xlim=(low, high))
+        style.power_ticks(ax.yaxis)
     handles = axes[0].get_legend_handles_labels()[0]
     for dashes, name in (("-", "response"), ((0, (4, 1.5)), "noise and distortion"), (":", "noise alone")):
         handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle=dashes, label=name))
@@ -142,6 +143,7 @@ def fits() -> Figure:
     ):
         axes[0].plot(r.frequency, np.abs(values[:, 0, 0]) * 1e6, label=name, **look)
     axes[0].set(yscale="log", xlim=(0, 3000), ylim=(1e-3, 2e3), xlabel="frequency in Hz", ylabel="|G| 11 in µm/V")
+    style.power_ticks(axes[0].yaxis)
     axes[0].legend(loc="upper right", ncols=2)
     axes[1].plot(list(errors), [100 * e for e in errors.values()], marker="o", color=_COLOURS[0])
     axes[1].plot([chosen], [100 * errors[chosen]], marker="o", markersize=9, markerfacecolor="none", color=style.LIMIT)

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
-import piezoharvest
 from piezoharvest.output import write_text
+from piezoharvest.report.frame.rendering import page
 from reports.actuators.data import LEVELS
 from reports.actuators.results import as_json, comparison, mirror_results, stack_results
 
@@ -23,12 +19,8 @@ def write_page(directory: Path) -> Path:
     results = {"stack": stack_results(), "mirror": mirror_results()}
     write_text(as_json(results), directory / "results.json")
     captions = tomllib.loads((Path(__file__).parent / "captions.toml").read_text(encoding="utf-8"))
-    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
-    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    content = {"css": Markup(css), "version": piezoharvest.__version__, "captions": captions, "levels": LEVELS}
-    text = environment.get_template("page.html.j2").render(**content, **results, rows=comparison(), **_words(results))
-    write_text(text, directory / "index.html")
+    content = {"captions": captions, "levels": LEVELS, "rows": comparison(), **results, **_words(results)}
+    write_text(page("page.html.j2", Path(__file__).parent, **content), directory / "index.html")
     return directory / "index.html"
 
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
-import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import style
+from piezoharvest.report.frame.rendering import page
 from reports.diagnosis.circuits import DRAWS as CIRCUIT_EFFECTS
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
 from reports.diagnosis.sensitivity import TABLE, lines
@@ -65,16 +62,8 @@ def write_page(
         "circuits": held_out_shares(circuits), "circuit_effects": circuit_effects(circuits),
     }  # fmt: skip
     write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")
-    options: dict[str, Any] = {
-        "autoescape": True,
-        "undefined": StrictUndefined,
-        "trim_blocks": True,
-        "lstrip_blocks": True,
-    }
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
-    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    text = environment.get_template("page.html.j2").render(
-        css=Markup(css), version=piezoharvest.__version__, figures=list(figures), wrong=list(_wrong(results)),
+    text = page(
+        "page.html.j2", Path(__file__).parent, figures=list(figures), wrong=list(_wrong(results)),
         thresholds=list(lines(held_out)), table=TABLE, **numbers,
     )  # fmt: skip
     write_text(text, directory / "index.html")

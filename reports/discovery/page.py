@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
-import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import style
+from piezoharvest.report.frame.rendering import page
 from reports.discovery.campaigns import Trial, drawn_of
 from reports.discovery.figures import gain_figure, gallery_figure, outcome_figure, real_figure
 from reports.discovery.plan import plan
@@ -39,13 +36,8 @@ def write_page(development: Rows, held_out: Rows, directory: Path) -> Path:
         style.write_png(figure, directory / f"{name}.png")
     sets = {"held-out": summary(held_out), "development": summary(development)}
     write_text(json.dumps(sets, indent=1, allow_nan=False) + "\n", directory / "results.json")
-    options: dict[str, Any] = {
-        "autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True,
-    }  # fmt: skip
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
-    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    text = environment.get_template("page.html.j2").render(
-        css=Markup(css), version=piezoharvest.__version__, figures=list(figures), sets=sets,
+    text = page(
+        "page.html.j2", Path(__file__).parent, figures=list(figures), sets=sets,
         drawn="held-out" if held_out else "development",
         planned=len(plan(held_out=True)), wrong=list(_wrong(development)), outcomes=OUTCOMES, methods=METHODS,
         real=real,

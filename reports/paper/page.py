@@ -5,17 +5,15 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures.pictures import Picture, place_pictures
+from piezoharvest.report.frame.rendering import page
 from piezoharvest.report.units import number
 from reports.paper import beyond, compare, reproduction
 from reports.paper.audit.finding import Finding
@@ -48,15 +46,8 @@ def write_page(findings: dict[str, list[Finding]], pictures: Iterable[Picture], 
     figures = {figure["name"]: figure for figure in placed}
     write_text(rows_csv(), directory / "rows.csv")
     write_text(findings_json(findings), directory / "findings.json")
-    folder = Path(__file__).parent
-    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
-    environment = Environment(loader=FileSystemLoader(folder), **options)
-    environment.filters["marked"] = _marked
-    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    text = environment.get_template("page.html.j2").render(
-        css=Markup(css), version=piezoharvest.__version__, figures=figures, **findings, **_content(findings)
-    )
-    write_text(text, directory / "index.html")
+    content = {"marked": _marked, "figures": figures, **findings, **_content(findings)}
+    write_text(page("page.html.j2", Path(__file__).parent, **content), directory / "index.html")
     return directory / "index.html"
 
 

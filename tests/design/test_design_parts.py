@@ -323,3 +323,22 @@ def test_what_parts_are_not_chosen_for_is_said(host, run):
     notes = run(host(0.1, 40), objective="trade_off", parts="E12", **options).notes
     assert any("front" in note and "E12" in note for note in notes)
     assert any("nominal figure" in note for note in notes)
+
+
+@pytest.mark.parametrize(("damping", "unit", "far"), [(False, "%", "6.400"), (True, "dB", "0.06400")])
+def test_gaps_have_a_unit_and_no_rounding_noise(capsys, damping, unit, far):
+    rows = [
+        {
+            "shunt": {"kind": kind},
+            "converged": True,
+            "harvested_power": 1e-3,
+            "attenuation_db": -3.0,
+            "gap_to_bound": gap,
+        }
+        for kind, gap in (("series_rl", 9.4e-15), ("resistor", 0.064))
+    ]
+    print_design("", {"candidates": rows, "bound": {}, "trade_off": []}, damping=damping)
+    lines = capsys.readouterr().out.splitlines()
+    (header,) = [line for line in lines if line.startswith("candidate")]
+    near, other = ([line.split()[-1] for line in lines if line.startswith(kind)] for kind in ("series_rl", "resistor"))
+    assert header.split()[-2:] == [unit, "keys"] and (near, other) == (["0"], [far])

@@ -73,6 +73,14 @@ class TestStudy:
         assert found.bound.harvested_power == pytest.approx(bound, rel=1e-9)
         assert found.response.harvested_power < bound
 
+    def test_positions_are_values_as_they_are_shown(self, explorer):
+        """A saved study has 15.85 mH where the page shows it, and no value leaves its range."""
+        for knob in explorer.knobs(1):
+            for position in np.linspace(knob.to_slider(knob.low), knob.to_slider(knob.high), 7):
+                value = knob.from_slider(position)
+                assert knob.low <= value <= knob.high
+                assert value in (float(f"{value:.4g}"), knob.low, knob.high)
+
     def test_what_is_not_allowed_is_said(self, explorer):
         with pytest.raises(ParameterError, match=r"shunt.*inductance"):
             explorer.answer(0, {"shunt.inductance": -1.0})
@@ -134,6 +142,8 @@ MOVE = """(async () => {
   for (let n = 0; n < 400 && table.text == before; n++) await new Promise(done => setTimeout(done, 25));
   return [table.text != before, performance.getEntriesByType("resource").map(entry => entry.name)];
 })()"""
+AXES = """[...Bokeh.documents[0]._all_models.values()].filter(model => model.type == "LinearAxis")
+  .map(axis => [axis.axis_label, axis.formatter.doFormat([-0.0031], {loc: 0})[0]])"""
 READY = "window.Bokeh && Bokeh.documents.length > 0 && Bokeh.documents[0].is_idle"
 
 
@@ -145,6 +155,8 @@ def test_sliders_move_what_is_shown(explorer, served, opened, tmp_path):
         changed, fetched = page.run(MOVE)
         assert changed
         assert all(name.startswith(server.address) for name in fetched)
+        axes = page.run(AXES)
+        assert ["displacement", "-3.1 mm"] in axes and ["time", "-3.1 ms"] in axes and ["voltage", "-3.1 mV"] in axes
         for width in (390, 1280):
             page.resize(width, 900)
             assert page.run("document.documentElement.scrollWidth") <= width

@@ -13,6 +13,7 @@ from scipy.io import wavfile
 
 from piezoharvest.readers import ReadError, open_reader
 from piezoharvest.records import CampaignError, load_campaign
+from piezoharvest.records.reading.time_record import named_time
 
 COUNT = 40
 RATE = 51200.0
@@ -500,3 +501,18 @@ class TestImpedances:
 def campaign_of_impedance(folder, record):
     (folder / "campaign.toml").write_text(f'{CAMPAIGN}\n[[records]]\nkind = "impedance"\n{record}\n')
     return load_campaign(folder / "campaign.toml").records[0]
+
+
+@pytest.mark.parametrize(
+    ("head", "found"),
+    [
+        ("x-axis,1,2\nsecond,Volt,Volt\n", "x-axis"),  # Keysight InfiniiVision
+        ("x-axis (ms),1,2\n", "x-axis (ms)"),
+        ("x-axis,1,2\nVolt,Volt,Volt\n", None),
+        ("a,b,1\nsecond,ms,Volt\n", None),
+    ],
+)
+def test_the_one_column_with_a_unit_of_time_is_the_time(tmp_path, head, found):
+    (tmp_path / "scope.csv").write_text(head + "".join(f"{n / 100},{n % 7},{n % 5}\n" for n in range(50)))
+    with open_reader(tmp_path / "scope.csv") as reader:
+        assert named_time(reader) == found

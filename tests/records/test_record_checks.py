@@ -361,6 +361,14 @@ class TestAgainstTheModel:
         symbol = {"displacement": "m", "voltage": "V", "current": "A"}[channel]
         assert f"is it {unit}{symbol}?" in finding.message
 
+    @pytest.mark.parametrize(("stated", "unit"), [(1e-3, "V"), (1e3, "V"), (1e-6, "mV")])
+    def test_unit_beside_the_one_that_was_stated(self, stated, unit):
+        """A file in V that is said to be in mV, or in kV, is in V."""
+        of, device = stack_sine()
+        off = with_values(of, voltage=of["voltage"] * (stated if unit == "V" else 1e-3))
+        taken = replace(off, signals={**off.signals, "voltage": replace(off.signals["voltage"], factor=stated)})
+        assert f"is it {unit}?" in only(taken, device, "unit", "voltage", "error").message
+
     def test_a_displacement_of_3_m(self):
         of, device = stack_sine()
         assert ("unit", "displacement") in found(with_values(of, displacement=of["displacement"] * 1e6), device)

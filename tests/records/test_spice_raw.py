@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from oracles.ngspice import needs_ngspice, run_netlist
 
+from piezoharvest import load_campaign
 from piezoharvest.readers import ReadError, open_reader
 
 TIME = np.array([0.0, 0.1, 0.2, 0.25, 0.3, 0.4])
@@ -63,7 +64,7 @@ def test_every_form_is_read_at_even_times(tmp_path, form):
 @pytest.mark.parametrize(
     ("form", "message"),
     [
-        ({"plot": "AC Analysis"}, "found the analysis 'AC Analysis', must be a transient one"),
+        ({"plot": "DC transfer"}, "found the analysis 'DC transfer', must be a transient or AC one"),
         ({"flags": "real stepped"}, "found waveforms that are stepped"),
         ({"flags": "complex"}, "found waveforms that are complex"),
         ({"cut": -8}, "bytes of values, allowed are 144 or 96"),
@@ -83,3 +84,33 @@ def test_a_run_of_ngspice(tmp_path):
     with open_reader(tmp_path / "run.raw") as reader:
         times, found = reader.time_of("v(a)"), reader.read(["v(a)"])["v(a)"]
     assert found == pytest.approx(np.exp(-times / 1e-3), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "text", "fast"),
+    [("latin-1", False, ""), ("latin-1", True, ""), ("utf-16-le", False, ""), ("utf-16-le", False, " fastaccess")],
+)
+def test_an_ac_analysis_is_an_impedance(tmp_path, encoding, text, fast):
+    """Voltage of a specimen that a source of 1 A drives, in each form, as a record of a campaign."""
+    f = np.geomspace(20.0, 300.0, 40)
+    s = 2j * np.pi * f
+    z = 1.0 / (s * 40e-9 + 1e-6 * s / (0.01 * s**2 + 0.0628 * s + 987.0))
+    values = np.array([f + 0j, z, np.ones(40)])
+    header = HEADER.format(flags=f"complex forward{fast}").replace("Transient Analysis", "AC Analysis")
+    header = header.replace("time\ttime", "frequency\tfrequency").replace("Points: 6", "Points: 40")
+    if text:
+        lines = [f"{n}\t" + "\n\t".join(f"{x.real:.15e},{x.imag:.15e}" for x in p) for n, p in enumerate(values.T)]
+        data = "Values:\n".encode(encoding) + "\n".join(lines).encode(encoding)
+    else:
+        data = "Binary:\n".encode(encoding) + np.ascontiguousarray(values if fast else values.T).tobytes()
+    (tmp_path / "ac.raw").write_bytes(header.encode(encoding) + data)
+    (tmp_path / "campaign.toml").write_text(
+        "[transducer]\nmass = 0.01\ndamping = 0.06\nstiffness = 990.0\ncoupling = 1e-3\ncapacitance = 41e-9\n"
+        '[[records]]\nkind = "impedance"\nfile = "ac.raw"\n[records.channels]\nresponse = { column = "V(p)" }\n'
+    )
+    (record,) = load_campaign(tmp_path / "campaign.toml").records
+    assert record.frequency == pytest.approx(f, rel=1e-12)
+    assert record.response == pytest.approx(z, rel=1e-12)
+    (tmp_path / "cut.raw").write_bytes((header.encode(encoding) + data)[:-24])
+    with pytest.raises(ReadError), open_reader(tmp_path / "cut.raw"):
+        pass

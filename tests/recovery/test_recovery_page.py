@@ -74,7 +74,7 @@ def test_page(tmp_path):
     assert "10 campaigns" in page
     assert "to themselves" not in page
     assert "These campaigns were diagnosed 2026-01-01 to 2026-01-02." in page
-    assert "<td>2026-01-02</td>" in page
+    assert '<td data-label="diagnosed">2026-01-02</td>' in page
     json.loads((tmp_path / "results.json").read_text())
     for figure in ("confusion", "power", "coverage", "time"):
         assert (tmp_path / f"{figure}.png").stat().st_size > 5_000

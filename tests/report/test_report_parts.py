@@ -15,6 +15,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
 from piezoharvest.report import sweeps, units
+from piezoharvest.report.figures.curves import power_along_loads
 from piezoharvest.report.frame.cell_labels import with_labels
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
@@ -136,6 +137,22 @@ class TestSweeps:
             tuned = curve.x == getattr(curve.subject.shunt, curve.subject.load_field)
             assert curve.harvested[tuned] == pytest.approx(curve.subject.candidate.harvested_power, rel=2e-3)
 
+    @pytest.mark.parametrize("scale, shown", [(1.0, "linear"), (0.05, "log")])
+    def test_powers_far_apart_have_a_logarithmic_axis_that_holds_all_tuned_points(self, scale, shown):
+        """The least candidate's curve is seen, whatever the best one harvests."""
+        study, result = designed("bench")
+        subjects = [s for s in subjects_of(result.candidates) if s.load_field]
+        curves = CurveTracer(study).along_loads(subjects, loads(subjects, study, 5))
+        least = min(curves, key=lambda curve: curve.harvested.max())
+        lower = dataclasses.replace(least, harvested=scale * least.harvested)
+        figure = power_along_loads([*(c for c in curves if c is not least), lower], [], None)
+        power, efficiency = figure.axes
+        assert power.get_yscale() == efficiency.get_yscale() == shown
+        assert power.get_ylabel() == ("harvested power in µW" if shown == "linear" else "harvested power")
+        if shown == "log":
+            assert 0 < power.get_ylim()[0] < 0.1 * lower.harvested.max() < power.get_ylim()[1]
+        assert efficiency.get_ylim()[0] < 100 * lower.efficiency.max() < efficiency.get_ylim()[1]
+
     def test_two_port_and_simulation_agree(self):
         study, result = designed("bench")
         subjects = [s for s in subjects_of(result.candidates) if s.linear]
@@ -204,6 +221,11 @@ class TestCellLabels:
         found = re.findall(r'<td(?: class="n")?(?: data-label="([^"]*)")?>(\d)', with_labels(self.TABLE))
         it, size = "of &lt;it&gt;", "displacement"
         assert found == [(it, "1"), (size, "2"), (it, "3"), (size, "4"), (it, "5"), (size, "6"), ("", "7")]
+
+    def test_a_long_cell_is_a_sentence(self):
+        words = "the voltage decays faster than <b>through</b> the load alone"
+        table = f"<table><thead><tr><th>a</th><th>b</th></tr></thead><tr><td>short</td><td>{words}</td></tr></table>"
+        assert f'<td data-label="a">short</td><td class="sentence" data-label="b">{words}' in with_labels(table)
 
     def test_a_table_without_a_head_stays_as_it_is(self):
         plain = "<p>a</p><table><tr><td>1</td></tr></table>"

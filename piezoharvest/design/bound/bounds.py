@@ -162,7 +162,8 @@ def _gap(value: float, reached: float | None) -> str:
     """Remark on a bound that is not shown to be reached within 1 %."""
     if reached is None:
         return "no shunt is shown to reach the bound: the convex program could not be solved"
-    return f"the bound is certified, but what is shown to be reached is {abs(value - reached) / value:.1%} away from it"
+    gap = 100 * abs(value - reached) / value
+    return f"the bound is certified, but the best network that is known for it comes only within {gap:.1f} % of it"
 
 
 def _target(view: LinearView, kind: Kind) -> Target | None:

@@ -65,8 +65,15 @@ def _readings(records: list[Data]) -> Iterator[Reading]:
     rates = ("displacement_rate", *(f"{drive}_rate" for drive in drives))
     for channel in channels:
         for of in dict.fromkeys((channel, *READ_OF, *drives, *rates, "time")):
-            if channel not in drives and not (channel == "velocity" and of == "displacement_rate"):
+            twice = _is_proportional(records) and of == ("voltage" if channel == "current" else "current") != channel
+            if channel not in drives and not twice and not (channel == "velocity" and of == "displacement_rate"):
                 yield Reading(channel, of)
+
+
+def _is_proportional(records: list[Data]) -> bool:
+    """True if the current is a multiple of the voltage: all records have the same resistor as their load."""
+    loads = {data.setting.shunt.resistance if isinstance(data.setting.shunt, Resistor) else None for data in records}
+    return len(loads) == 1 and None not in loads
 
 
 __all__ = ["places_of"]

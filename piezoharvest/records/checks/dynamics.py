@@ -66,7 +66,9 @@ def too_slow(record: Record, lost: float) -> Iterator[Finding]:
     """Check for a sample rate at which linear interpolation does not represent the drive."""
     if lost > _MAX_LOST_SHARE:
         signal = record.signals[record.drive]
-        found = f"found {record.sample_rate:.6g} Hz, at which straight lines between samples lose {lost:.0%}"
+        found = f"found {record.sample_rate:.6g} Hz, at which straight lines between samples would lose {lost:.0%}"
         rows = shifted([(0, len(record) - 1)], signal.first_row)
-        message = f"{found} of the response that the nominal model gives, up to {_MAX_LOST_SHARE:.0%} is allowed"
+        allowed = f"of the response that the nominal model gives, up to {_MAX_LOST_SHARE:.0%} is allowed"
+        remedy = "the spline that is used loses less, but parameters may be off by as much as it does: sample faster"
+        message = f"{found} {allowed}; {remedy}"
         yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)

@@ -84,25 +84,26 @@ def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
         message = (
             f"found {factor:.2g} times the {_named(record.drive)} that the nominal model infers from all responses"
         )
-        yield _finding(record, "unit", record.drive, f"{message}, {_unit_hint(record.drive, factor)}")
+        yield _finding(record, "unit", record.drive, f"{message}, {_unit_hint(record, record.drive, factor)}")
         return
     for channel, score in off.items():
         message = f"found {score.factor:.2g} times what the nominal model gives for this {_named(record.drive)}"
-        yield _finding(record, "unit", channel, f"{message}, {_unit_hint(channel, score.factor)}")
+        yield _finding(record, "unit", channel, f"{message}, {_unit_hint(record, channel, score.factor)}")
 
 
-def _unit_hint(channel: str, factor: float) -> str:
+def _unit_hint(record: Record, channel: str, factor: float) -> str:
     """Text with what is allowed, and the unit that would explain the factor."""
-    prefix = _prefix(factor)
-    unit = f" (is it {prefix}{UNITS[channel]}?)" if prefix and channel != "base_acceleration" else ""
+    prefix = _prefix(factor / record.signals[channel].factor)
+    told = prefix is not None and channel != "base_acceleration" and _prefix(factor) != ""
+    unit = f" (is it {prefix}{UNITS[channel]}?)" if told else ""
     return f"a factor of up to {MAX_FACTOR:g} either way is allowed; likely a wrong unit{unit}"
 
 
-def _prefix(factor: float) -> str:
-    """Prefix of the unit that would explain values too large by a factor, or ""."""
+def _prefix(factor: float) -> str | None:
+    """Prefix of the unit that would explain values too large by a factor, "" for none; None if no prefix would."""
     power = float(np.log10(factor))
-    prefix = {-3: "k", -6: "M", 3: "m", 6: "u", 9: "n"}.get(3 * round(power / 3), "")
-    return prefix if abs(power - 3 * round(power / 3)) < 1 else ""
+    prefix = {-3: "k", -6: "M", 0: "", 3: "m", 6: "u", 9: "n"}.get(3 * round(power / 3))
+    return prefix if abs(power - 3 * round(power / 3)) < 1 else None
 
 
 def _with_other_polarity(record: Record, spectra: Spectra, transducer: Transducer) -> bool:

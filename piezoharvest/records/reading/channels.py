@@ -140,6 +140,12 @@ class ChannelSource(Component):
         offset = f", offset = {-self.offset:.10g}" if self.offset else ""
         return f'unit = "{self.unit or si}", gain = {gain:.10g}{offset}'
 
+    def factor(self, si: str, stated: Unit | None) -> float:
+        """SI value of one of the unit in which the values are taken to be: the channel's own, or that of the file."""
+        if self.unit or stated is None or self.gain is not None:
+            return unit_factor(self.unit or si, si)
+        return stated.factor
+
     def sigma_si(self, si: str) -> float | None:
         """Known standard deviation of the noise in the SI unit of the channel."""
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)

@@ -76,7 +76,7 @@ class TimeRecordReader:
                 what = f"{channel}, the drive" if drive else channel
                 message = error.message + (self._other_drive() if drive else "")
                 raise CampaignError(self.files.folder / name, what, message, channel=channel) from None
-            if channel == "time" and (known := _named_time(reader)):
+            if channel == "time" and (known := named_time(reader)):
                 self.columns[channel] = [known]
                 if reader.unit(known) is None:
                     says = f"time = {{ column = {known!r} }} in [channels] says so"
@@ -134,9 +134,10 @@ class TimeRecordReader:
         source, columns = self._source(channel), self.columns.get(channel, [])
         if channel == "time":
             return Signal(values, None, name, ", ".join(columns), self.files.reader(name).numbering)
-        reverse = source.reverse(UNITS[channel], self.files.unit(name, columns, UNITS[channel]))
+        stated = self.files.unit(name, columns, UNITS[channel])
+        reverse, factor = source.reverse(UNITS[channel], stated), source.factor(UNITS[channel], stated)
         sigma = source.sigma_si(UNITS[channel])
-        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse)
+        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse, factor)
 
     def _source(self, channel: str) -> ChannelSource:
         return self.sources[channel][0] if channel in self.sources else ChannelSource()
@@ -203,13 +204,19 @@ class TimeRecordReader:
         return found
 
 
-def _named_time(reader: Reader) -> str | None:
-    """The one column that is named time, in whatever case and with a unit of time or none; None if there is none."""
-    named = [name for name in reader.names if stated_unit(name)[0].strip().strip('"').lower() == "time"]
-    if len(named) != 1:
-        return None
-    unit = reader.unit(named[0])
-    return named[0] if unit is None or unit.si == UNITS["time"] else None
+def named_time(reader: Reader) -> str | None:
+    """The one column that is named time, in whatever case, or has a unit of time, as "x-axis" in s; None if none is.
+
+    A column that is named so has a unit of time or none.
+    """
+    names = list(reader.names)
+    units = {name: reader.unit(name) for name in names if names.count(name) == 1}
+    named = [name for name in units if stated_unit(name)[0].strip().strip('"').lower() == "time"]
+    if not named:
+        timed = (name for name, unit in units.items() if unit is not None and unit.firm and unit.si == UNITS["time"])
+        named = list(timed)
+    unit = units[named[0]] if len(named) == 1 else None
+    return named[0] if len(named) == 1 and (unit is None or unit.si == UNITS["time"]) else None
 
 
 def read_record(

@@ -26,18 +26,35 @@ from piezoharvest.records.reading.impedance_forms import QUANTITIES
 from piezoharvest.records.reading.known_columns import known_column
 from piezoharvest.study import StudyError
 
-# Names without their units, in lower case; the first channel that fits is taken.
+# What a letter stands for depends on where it is: v_tip is a velocity, v_piezo a voltage.
+_STRUCTURE = r"tip|beam|laser|ldv|mass|plate|mid\w*|end|host|struct\w*|vib\w*|mech\w*|polytec|free"
+_ELECTRODES = (
+    r"p|pz|pzt|piezo\w*|pvdf|mfc|patch|peh|harv\w*|transducer|elec\w*|"
+    r"oc|out\w*|r?load|l|r|rl|res\w*|shunt|term\w*|sens\w*"
+)
+_DRIVEN = r"ext|in|exc\w*|shaker|hammer|drive|act\w*|app\w*|meas\w*"
+
+
+def _letter(letters: str, places: str) -> str:
+    """Names that are a letter and a place, as "v_piezo", "Vpzt1" and "tip_x"."""
+    return rf"(?:{letters}) ?(?:{places}) ?\d*|(?:{places}) (?:{letters}) ?\d*"
+
+
+# Names without their units, in lower case, words apart; the first channel that fits is taken.
 _WORDS: Mapping[str, str] = MappingProxyType({
-    "time": r"t|time.*|zeit.*|x_value|timestamp|seconds?",
-    "base_acceleration": r".*\b(base|shaker|sockel)\b.*|base.*",
-    "dc_voltage": r"v?_?dc.*|dc.*volt.*|.*storage.*",
+    "time": r"t|time.*|zeit.*|x value|x_value|timestamp|seconds?",
+    "base_acceleration": r"(?!(?:f|u|v|x) |.*(?:force|kraft|volt|disp|veloc))(?:.*\b(?:base|shaker|sockel)\b.*|base.*)",
+    "dc_voltage": r"[uv]? ?dc.*|dc.*volt.*|.*storage.*|[uv] ?(?:rect\w*|sto\w*|bat\w*)",
     "gate": r"gate.*|trig.*",
-    "force": r"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*",
-    "displacement": r"x|tip|.*(?:disp|position|weg|auslenk|deflection|laser|strain|dehnung).*|lvdt.*",
-    "velocity": r".*velocity.*|vel|.*vibrometer.*|.*geschw.*",
-    "acceleration": r"acc|.*accel.*|.*beschl.*",
-    "current": r"i|.*current.*|.*strom.*",
-    "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*",
+    "force": rf"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*|hammer.*|{_letter('f', _DRIVEN)}",
+    "velocity": r"(?!.*(?:disp|position|weg)).*(?:velocity|vibrometer|geschw).*|vel(?: .*)?|"
+                rf"{_letter('v|vel', _STRUCTURE)}",
+    "displacement": r"x|tip|.*(?:disp|position|weg|auslenk|deflection|laser|strain|dehnung).*|lvdt.*|"
+                    rf"{_letter('x|w|d', _STRUCTURE)}",
+    "acceleration": rf"acc(?: .*|\d*)|.*accel.*|.*beschl.*|{_letter('a|acc', _STRUCTURE)}",
+    "current": rf"i|.*current.*|.*strom.*|{_letter('i', _ELECTRODES)}",
+    "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*|(?:pzt|pvdf|mfc|peh|harvester)(?: .*|\d*)|"
+               rf"{_letter('u|v', _ELECTRODES)}",
 })  # fmt: skip
 _BASE = "base_acceleration"
 _MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
@@ -224,7 +241,7 @@ def _named_like(name: str, unit: Unit | None) -> str | None:
     """Channel that a name, or the last part of its path, is a word for; a motion by the unit that the file states."""
     parts = (name, last_part(name), name.rsplit(".", 1)[-1])
     bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
-    words = (*bare, name.lower())
+    words = (*bare, name.lower(), re.sub(r"^i\((.*)\)$", r"i \1", name.lower()))  # of simulators: I(Rload)
     channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
     if channel in _MOTIONS and unit is not None:
         return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)

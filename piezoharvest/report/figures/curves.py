@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 
 from piezoharvest.report.figures import style
 from piezoharvest.report.figures.bound_lines import BoundLine
@@ -20,7 +21,8 @@ from piezoharvest.report.units import prefix_of
 _LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
 _BOUND = {"color": style.MUTED, "linestyle": (0, (6, 2)), "linewidth": 1.4, "zorder": 1.9}
 _SHORT = {"color": style.MUTED, "linestyle": "-", "linewidth": 1.2}
-_LOG_AXIS_RATIO = 10.0  # ratio of the largest to the smallest displacement above which the axis is logarithmic
+_LOG_AXIS_RATIO = 10.0  # of the largest to the smallest displacement, or of powers, above which the axis is logarithmic
+_LOG_AXIS_REACH = 30.0  # down to which share of the least candidate a logarithmic axis shows its curve
 _MAX_HEIGHT_RATIO = 5.0  # of a limit to the curves' top above which it is not drawn
 _MAX_MARKERS = 40  # number of points from which a curve is drawn without markers
 
@@ -35,7 +37,8 @@ def power_along_loads(
     shunts in W.
     """
     figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
-    factor, unit = _power_unit(curves, level)
+    tops = [*_tops(curves), *(subject.candidate.harvested_power for subject in level)]
+    factor, unit = _power_unit(tops)
     for curve in curves:
         _line(power, curve, factor * curve.harvested)
         _line(efficiency, curve, 100 * curve.efficiency)
@@ -49,7 +52,7 @@ def power_along_loads(
     if bound is not None and _fits(power, factor * bound):
         power.axhline(factor * bound, **_BOUND)
         handles.append(Line2D([], [], label="bound for passive linear shunts", **_BOUND))
-    _finish_powers(power, efficiency, unit)
+    _finish_powers(power, efficiency, tops, unit)
     style.log_axis(efficiency.xaxis, "Ω")
     efficiency.set_xlabel("load resistance (dots: as tuned)")
     style.legend_above(figure, handles)
@@ -66,7 +69,7 @@ def power_along_frequencies(
     `limit` of any interface in W, `bound` of passive linear shunts; `marks` as for `_marks`.
     """
     figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
-    factor, unit = _power_unit(curves, [])
+    factor, unit = _power_unit(tops := _tops(curves))
     for curve in curves:
         _line(power, curve, factor * curve.harvested)
         _line(efficiency, curve, 100 * curve.efficiency)
@@ -75,7 +78,7 @@ def power_along_frequencies(
     if bound is not None and not (limit and np.allclose(bound.values, limit, rtol=1e-3)):
         handles += _bound(power, bound, factor) if _fits(power, factor * float(np.max(bound.values))) else []
     handles += _marks((power, efficiency), **marks)
-    _finish_powers(power, efficiency, unit)
+    _finish_powers(power, efficiency, tops, unit)
     efficiency.set_xlim(span.low, span.high)
     style.frequency_axis(efficiency, span.logarithmic, "excitation frequency")
     style.legend_above(figure, handles)
@@ -147,10 +150,20 @@ def _tuned(power: Axes, efficiency: Axes, curve: CandidateCurve, factor: float) 
     style.mark(efficiency, curve.x[n], 100 * curve.efficiency[n], subject.style)
 
 
-def _power_unit(curves: Sequence[CandidateCurve], level: Sequence[Subject]) -> tuple[float, str]:
-    """Factor and unit for power, by the largest to be drawn."""
-    found = [np.nanmax(curve.harvested, initial=0.0) for curve in curves]
-    return prefix_of(float(max(found + [s.candidate.harvested_power for s in level], default=0.0)), "W")
+def _tops(curves: Sequence[CandidateCurve]) -> list[float]:
+    """The largest power of each curve, W."""
+    return [float(np.nanmax(curve.harvested, initial=0.0)) for curve in curves]
+
+
+def _power_unit(tops: Sequence[float]) -> tuple[float, str]:
+    """Factor and unit for power, by the largest to be drawn; W for a logarithmic axis."""
+    return (1.0, "") if _least_of_wide(tops) else prefix_of(max(tops, default=0.0), "W")
+
+
+def _least_of_wide(tops: Sequence[float]) -> float:
+    """The least of powers that one linear axis would not show together; 0 where it does."""
+    drawn = [top for top in tops if top > 0]
+    return min(drawn) if drawn and max(drawn) > _LOG_AXIS_RATIO * min(drawn) else 0.0
 
 
 def _handles(subjects: Sequence[Subject], words: str = "") -> list[Line2D]:
@@ -188,8 +201,17 @@ def _marks(axes: Sequence[Axes], drive: float | None, band: tuple[float, float] 
     return [Line2D([], [], label="excitation of the study", **line)] if drive is not None else []
 
 
-def _finish_powers(power: Axes, efficiency: Axes, unit: str) -> None:
-    power.set_ylabel(f"harvested power in {unit}")
-    power.set_ylim(bottom=0)
+def _finish_powers(power: Axes, efficiency: Axes, tops: Sequence[float], unit: str) -> None:
+    power.set_ylabel(f"harvested power in {unit}" if unit else "harvested power")
     efficiency.set_ylabel("efficiency in %")
+    least = _least_of_wide(tops)
+    if least:
+        shown = least / max(tops) / _LOG_AXIS_REACH  # of both axes' tops
+        power.set_ylim(shown * power.dataLim.ymax, 1.5 * power.dataLim.ymax)
+        style.log_axis(power.yaxis, "W")
+        efficiency.set_ylim(shown * efficiency.dataLim.ymax, 1.5 * efficiency.dataLim.ymax)
+        efficiency.set_yscale("log")
+        efficiency.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+        return
+    power.set_ylim(bottom=0)
     efficiency.set_ylim(0, 1.06 * max(efficiency.dataLim.ymax, 1.0))

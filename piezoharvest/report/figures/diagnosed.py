@@ -266,7 +266,7 @@ def cosine_figure(names: Sequence[str], table: np.ndarray) -> Figure:
                 axes.text(
                     j, i, f"{table[i, j]:.2f}".replace("-", "−"), ha="center", va="center", fontsize=7, color=colour
                 )
-    figure.colorbar(image, ax=axes, label="cosine of the signatures")
+    figure.colorbar(image, ax=axes, label="cosine")
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,6 +18,7 @@ from piezoharvest.report.units import prefix_of, pretty_unit
 _PIXELS = 900  # with more than two samples a pixel, their minimum and maximum is drawn
 _MEASURED = {"color": style.PALETTE[0], "linewidth": 1.6}
 _PREDICTED = {"color": style.PALETTE[1], "linewidth": 1.0, "linestyle": (0, (4, 2))}
+_EXTENDED = {"color": style.INK, "linewidth": 1.0}
 _BAND = {"color": style.PALETTE[2], "alpha": 0.25, "linewidth": 0}
 _PANEL = 1.35  # inches
 
@@ -37,7 +38,7 @@ def fit_figure(predicted: Predicted) -> Figure:
     A response is drawn as magnitude and phase.
     """
     if isinstance(predicted.record, FrequencyRecord):
-        return _response_figure(predicted, predicted.record)
+        return response_figure(predicted.record, {"predicted": predicted.values})
     return _time_figure(predicted, predicted.record)
 
 
@@ -75,17 +76,19 @@ def _time_figure(predicted: Predicted, record: Record) -> Figure:
 
 
 @style.styled
-def _response_figure(predicted: Predicted, record: FrequencyRecord) -> Figure:
+def response_figure(record: FrequencyRecord, predicted: Mapping[str, np.ndarray]) -> Figure:
+    """Draw a response as magnitude and phase, with predictions (f,) by their names in the legend, and its residuals."""
     figure, axes = style.grid_of_axes(3, height=4.6, sharex=True)
-    x, values = record.frequency, predicted.values
+    x = record.frequency
     unit = "ohm" if record.kind == "impedance" else ratio_of(UNITS[record.output], UNITS[record.input])
     axes[0].semilogy(x, np.abs(record.response), ".", markersize=3, color=style.PALETTE[0], label="measured")
-    axes[0].semilogy(x, np.abs(values), label="predicted", **_PREDICTED)
-    style.power_ticks(axes[0].yaxis)
     axes[1].plot(x, np.degrees(np.angle(record.response)), ".", markersize=3, color=style.PALETTE[0])
-    axes[1].plot(x, np.degrees(np.angle(values)), **_PREDICTED)
-    residual = 100 * np.abs(record.response - values) / np.abs(record.response)
-    axes[2].plot(x, residual, ".", markersize=3, color=style.MUTED)
+    for (name, values), line in zip(predicted.items(), (_PREDICTED, _EXTENDED), strict=False):
+        axes[0].semilogy(x, np.abs(values), label=name, **line)
+        axes[1].plot(x, np.degrees(np.angle(values)), **line)
+        residual = 100 * np.abs(record.response - values) / np.abs(record.response)
+        axes[2].plot(x, residual, ".", markersize=3, color=line["color"] if len(predicted) > 1 else style.MUTED)
+    style.power_ticks(axes[0].yaxis)
     for one, label in zip(axes, (f"magnitude\nin {pretty_unit(unit)}", "phase in °", "residual\nin %"), strict=True):
         one.set_ylabel(label)
     style.frequency_axis(axes[-1], record.frequency[-1] > 3 * record.frequency[0] > 0)

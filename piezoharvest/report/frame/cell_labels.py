@@ -10,14 +10,17 @@ _HEAD = re.compile(r"<thead>(.*?)</thead>", re.S)
 _ROW = re.compile(r"<tr\b.*?</tr>", re.S)
 _CELL = re.compile(r"<t[dh]\b([^>]*)>")
 _HEADING = re.compile(r"<th\b[^>]*>(.*?)</th>", re.S)
+_TAG = re.compile(r"<[^>]*>")
 _SPAN = re.compile(r'rowspan="(\d+)"')
+
+LONGEST_WORDS = 40  # characters of a cell that stands at the right of its heading on a card
 
 
 def with_labels(page: str) -> str:
     """A page of ours, in whose tables each cell of the body has the attribute data-label: its column's heading.
 
-    A style sheet shows it beside the cell where the headings are not in sight. Cells below one that spans several
-    rows keep their own columns.
+    A style sheet shows it beside the cell where the headings are not in sight, before one of the class `sentence`.
+    Cells below one that spans several rows keep their own columns.
     """
     return _TABLE.sub(lambda table: _labelled(table.group()), page)
 
@@ -46,6 +49,8 @@ def _labelled_row(row: str, headings: list[str], spans: list[int]) -> str:
             spans[column] = int(span[1]) - 1
         if cell.group().startswith("<th") or not headings[column]:
             return cell.group()  # the name of a row needs no heading
-        return f'{cell.group()[:-1]} data-label="{escape(headings[column])}">'
+        text = unescape(_TAG.sub("", row[cell.end() : row.index("</td>", cell.end())]))
+        sentence = ' class="sentence"' if len(text) > LONGEST_WORDS and "class=" not in cell[1] else ""
+        return f'{cell.group()[:-1]}{sentence} data-label="{escape(headings[column])}">'
 
     return _CELL.sub(label, row)

@@ -7,19 +7,23 @@ import re
 from functools import cache
 from importlib import resources
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+from jinja2 import ChoiceLoader, Environment, FileSystemLoader, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
 import piezoharvest
 from piezoharvest.report.frame.cell_labels import with_labels
 
 
-def page(template: str, **values: Any) -> str:
-    """A page from its template, by file name, and its values; what all pages have is added."""
+def page(template: str, folder: Path | None = None, **values: Any) -> str:
+    """A page from its template, by file name, and its values; what all pages have is added.
+
+    Templates that are not in `folder` are those of this package, so that one elsewhere extends `frame.html.j2`.
+    """
     known = {"version": piezoharvest.__version__, "environment": _environment()}
-    return with_labels(_template(template).render(**known, **values))
+    return with_labels(_template(template, folder).render(**known, **values))
 
 
 def _environment() -> str:
@@ -29,13 +33,14 @@ def _environment() -> str:
 
 
 @cache
-def _template(name: str) -> Template:
+def _template(name: str, folder: Path | None) -> Template:
     """Template of a page, by file name."""
-    folder = resources.files("piezoharvest.report").joinpath("templates")
-    loader = FunctionLoader(lambda part: folder.joinpath(part).read_text(encoding="utf-8"))
+    templates = resources.files("piezoharvest.report").joinpath("templates")
+    own = FunctionLoader(lambda part: templates.joinpath(part).read_text(encoding="utf-8"))
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+        loader=ChoiceLoader([FileSystemLoader(folder), own]) if folder else own,
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
     environment.filters["subscripts"] = _subscripts
     return environment.get_template(name)
 
