@@ -257,16 +257,16 @@ class Integrator:
             *((stop.row, m.rates[stop.row]) for stop in model.all_stops),
         ]:
             self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
-        of_circuit = self.peaks[model.circuit.guard_unit]
+        units = model.circuit.guard_units
         of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
         self.guard_sizes = np.array(
-            [of_circuit] * model.circuit.guard_count
+            [self.peaks[unit] for unit in units]
             + [size for size in of_stops for _ in "12"]
             + ([self.peaks["S"]] * 2 if switch else [])
         )
         slack = SLACK * self.guard_sizes
-        if model.circuit.guard_unit == "V":
-            slack[: model.circuit.guard_count] += elastance(model) * charge_rounding(model, self.sizes)
+        voltages = [n for n, unit in enumerate(units) if unit == "V"]
+        slack[voltages] += elastance(model) * charge_rounding(model, self.sizes)
         if switch:  # an extremum just passed, or not quite, is not the next one
             slack[-2:] = np.maximum(slack[-2:], [float(np.squeeze(each)) for each in switch.guards(m.turning)])
         self.stepper.allow(slack)
