@@ -140,6 +140,9 @@ class Short(Circuit):
     def flow(self, z, v, free, elastance):
         return free / elastance, ()
 
+    def tied(self, z):
+        return np.zeros(1)
+
 
 class Resistor(Circuit):
     """A resistance."""
