@@ -13,7 +13,7 @@ from piezoharvest.bench.solver.drive import Drive
 from piezoharvest.bench.solver.model import Model, SolverError
 from piezoharvest.bench.solver.radau import NODES
 from piezoharvest.bench.solver.rest import rest
-from piezoharvest.bench.solver.sizes import charge_rounding, elastance, expected_sizes
+from piezoharvest.bench.solver.sizes import elastance, expected_sizes, voltage_rounding
 from piezoharvest.bench.solver.stepper import Stepper, Trial
 
 # Tolerance of the estimated local error, relative to the size of each state. The estimate is of third order and the
@@ -78,10 +78,10 @@ class Integrator:
         expected = expected_sizes(model, drive)
         least = MIN_ACTIVE if model.circuit.active else MIN_SIZE
         rest_size = np.abs(self.y)
-        least_energy = elastance(model) ** 0.5 * charge_rounding(model, rest_size) / TOLERANCE
+        stiff = elastance(model)
+        least_energy = voltage_rounding(model, rest_size, stiff) / stiff**0.5 / TOLERANCE
         self.sizes = np.maximum(rest_size, max(least * expected.root_energy, least_energy) / model.scale)
-        # Largest voltage so far, V, and at least a share of that of open electrodes without hysteresis.
-        self.voltage = MIN_VOLTAGE * expected.voltage / (elastance(model) * model.transducer.capacitance)
+        self.voltage = MIN_VOLTAGE * expected.voltage  # largest so far, V
         # Largest values at changes of branch so far of voltage, current, what the switch watches, and the rate of each
         # stop's coordinate. A current that begins at zero has its size from the voltage that drives it.
         self.peaks: dict[str | int, float] = {
@@ -276,7 +276,7 @@ class Integrator:
         )
         slack = SLACK * self.guard_sizes
         voltages = [n for n, unit in enumerate(units) if unit == "V"]
-        slack[voltages] += elastance(model) * charge_rounding(model, self.sizes)
+        slack[voltages] += voltage_rounding(model, self.sizes, float(m.elastance[0]))
         if switch:  # an extremum just passed, or not quite, is not the next one
             slack[-2:] = np.maximum(slack[-2:], [float(np.squeeze(each)) for each in switch.guards(m.turning)])
         self.stepper.allow(slack)
@@ -287,7 +287,7 @@ class Integrator:
         It is so behind a coil that all but shorts the electrodes, and beside a capacitor that is much larger than they.
         """
         slope = self.stepper.line.voltage[:-1]
-        rounding = abs(float(slope[self.model.q_row])) * charge_rounding(self.model, self.sizes)
+        rounding = voltage_rounding(self.model, self.sizes, float(slope[self.model.q_row]))
         return abs(float(slope @ error)) / max(VOLTAGE_TOLERANCE * self.voltage, ESTIMATED * rounding)
 
     def _moment(self) -> SimpleNamespace:
