@@ -190,12 +190,12 @@ class TestRuns:
         bridge = {"smoothing_capacitance": 1e-6, "load_resistance": 1e6, "diode_drop": 0.3}
         study, told = bench({"kind": "parallel_sshi", **wound, **bridge}, DRIVE), []
         monkeypatch.setattr(ngspice, "QUICK", 0.0)
-        found = run_netlist(netlist(study, periods=2, measured_periods=1), progress=told.append)
+        found = run_netlist(netlist(study, start="steady", periods=3, measured_periods=2), progress=told.append)
         assert found["harvested_power"] == pytest.approx(solve(study).harvested_power, rel=2e-3)
         assert all(isinstance(step, Step) and 0 < step.done <= step.total == 20 for step in told)
         assert len(told) > 3
         with pytest.raises(NgspiceError, match=r"^ngspice was stopped after the 0.3 s that are waited for it, at \d"):
-            run_netlist(netlist(study), timeout=0.3)
+            run_netlist(netlist(study, start="steady"), timeout=0.3)
 
 
 def test_operators_without_weight_are_no_elements():
