@@ -14,8 +14,10 @@ from piezoharvest.description.excitation import RandomBase, Record, StepForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SSDV, Open, ParallelSSHI, Resistor, Shunt, registered
 from piezoharvest.linear import frequency_response
+from piezoharvest.progress import Step
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.circuits import WRITERS
+from piezoharvest.spice.simulators import ngspice
 from piezoharvest.spice.simulators.comparison import compare
 from piezoharvest.spice.simulators.schematic import schematic
 
@@ -181,6 +183,21 @@ class TestRuns:
         text = export_spice(*_parts(system), excitation, periods=2, measured_periods=1)
         with pytest.raises(NgspiceError):
             run_netlist(text.replace("Gspring1", "Xspring1"))
+
+    def test_a_winding_that_rings_at_a_megahertz(self, monkeypatch):
+        """Followed by steps that shrank with what was left of it, a run of 20 periods took more than ten minutes."""
+        wound = {"inductance": 1e-3, "quality": 10.0, "self_resonance": 1.3e6, "switch_resistance": 5.0}
+        bridge = {"smoothing_capacitance": 1e-6, "load_resistance": 1e6, "diode_drop": 0.3}
+        study, told = bench({"kind": "parallel_sshi", **wound, **bridge}, DRIVE), []
+        monkeypatch.setattr(ngspice, "QUICK", 0.0)
+        found = run_netlist(netlist(study, start="steady", periods=3, measured_periods=2), progress=told.append)
+        assert found["harvested_power"] == pytest.approx(solve(study).harvested_power, rel=2e-3)
+        assert all(isinstance(step, Step) and 0 < step.done <= step.total == 20 for step in told)
+        assert len(told) > 3
+        with pytest.raises(
+            NgspiceError, match=r"^ngspice was stopped after 0.3 s, the longest that is waited for it, when \d"
+        ):
+            run_netlist(netlist(study, start="steady"), timeout=0.3)
 
 
 def test_operators_without_weight_are_no_elements():

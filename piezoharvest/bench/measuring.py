@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,9 @@ from piezoharvest.bench.solver import CIRCUITS, Model, SolverError, Waves, integ
 from piezoharvest.bench.solver.drive import merged
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError, check_kind
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.harvesting.mppt import MPPT
+from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.progress import Step
 from piezoharvest.study import Study, StudyError
@@ -35,7 +38,9 @@ class BenchRecord:
     name : str
         File name without its ending.
     setup : Setup
-        Its labels.
+        What was to be measured.
+    label : Shunt
+        Circuit as the campaign has it.
     columns : mapping
         Samples by column of the default header, time first; SI units.
     waves : Waves
@@ -46,6 +51,7 @@ class BenchRecord:
 
     name: str
     setup: Setup
+    label: Shunt
     columns: Mapping[str, np.ndarray]
     waves: Waves
     warnings: tuple[str, ...]
@@ -113,7 +119,9 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
         waves = integrate(_model(transducer, bench, effects, setup), setup.excitation, instants)
     except SolverError as error:
         raise SolverError(f"record {n + 1} ({setup.excitation.kind}, {setup.shunt.kind}): {error}") from None
-    columns, warnings = {COLUMNS["time"]: time}, []
+    label = _label(setup.shunt, waves)
+    refused = f"no campaign may have a record of {label.kind}, {label.unrecorded}"
+    columns, warnings = {COLUMNS["time"]: time}, [refused] if label.unrecorded else []
     for place, (name, channel) in enumerate(line.items()):
         true = waves.at(time - late[name]).sensed(name)
         if np.isnan(true).all():  # the circuit has no such part
@@ -123,8 +131,17 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
         columns[COLUMNS[name]], warning = sample(name, channel, time, true, bench.converter, effects, rng)
         warnings += [warning] if warning else []
     return BenchRecord(
-        f"{n + 1:02d}_{setup.excitation.kind}_{setup.shunt.kind}", setup, columns, waves.at(time), tuple(warnings)
-    )
+        f"{n + 1:02d}_{setup.excitation.kind}_{setup.shunt.kind}", setup, label, columns, waves.at(time),
+        tuple(warnings),
+    )  # fmt: skip
+
+
+def _label(shunt: Shunt, waves: Waves) -> Shunt:
+    """Circuit that a campaign has: what a tracker has found in the excitation, a record tells by its voltage."""
+    if not isinstance(shunt, MPPT):
+        return shunt
+    bridge = {f.name: getattr(shunt, f.name) for f in fields(Rectifier) if f.name != "dc_voltage"}
+    return Rectifier(**bridge, dc_voltage=float(waves.dc_voltage[0]))
 
 
 def _model(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup) -> Model:

@@ -97,7 +97,7 @@ def table(campaign: BenchCampaign) -> dict[str, Any]:
 
 
 def _entry(record: BenchRecord, drive: str, start: float, capacitance: float) -> dict[str, Any]:
-    shunt, period = record.setup.shunt, record.setup.excitation.period
+    shunt, period = record.label, record.setup.excitation.period
     if isinstance(shunt, SynchronisedShunt) and shunt.hold_off is None and period is not None:
         # The label leaves it to the period of the study's drive, and the samples of a drive have no period.
         shunt = replace(shunt, hold_off=shunt.switch(capacitance, period).hold_off)

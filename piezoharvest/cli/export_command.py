@@ -8,7 +8,7 @@ from typing import Any
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study, with_shunts
-from piezoharvest.cli.notes import note
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.input import InputError, check_readable
@@ -55,7 +55,10 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
 
     where = f"shunts.{n} ({study.shunts[n].kind})"
     try:
-        figures, trusted = compare(System(study.transducer, study.shunts[n]), study.excitation, diodes)
+        with telling() as tell:
+            figures, trusted = compare(
+                System(study.transducer, study.shunts[n]), study.excitation, diodes, progress=tell
+            )
     except ParameterError as error:
         raise StudyError(study.path, where, str(error)) from None
     except NgspiceError as error:

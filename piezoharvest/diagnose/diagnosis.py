@@ -12,7 +12,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.other_places import rivals
 from piezoharvest.diagnose.discovery.search import can_search
 from piezoharvest.diagnose.discovery.verdict import explained
-from piezoharvest.diagnose.extended_estimates import estimates_with_effects, is_implausible
+from piezoharvest.diagnose.extended_estimates import estimates_with_effects, is_elsewhere, is_implausible
 from piezoharvest.diagnose.final_weights import finally_weighted
 from piezoharvest.diagnose.named_effects import last_is_chance, last_is_idle, named_effect, named_effects
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
@@ -154,7 +154,7 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     estimates = tuple(estimates_with_effects(found.before, final))
     far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
     deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
-    if any(map(is_implausible, deviating)):
+    if any(map(is_implausible, deviating)) or any(map(is_elsewhere, estimates)):
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
     gains = {each.effect.name: each.gain for each in found.effects}

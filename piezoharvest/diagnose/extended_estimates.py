@@ -14,6 +14,8 @@ from piezoharvest.identify.identifiability import experiment, relative_error
 from piezoharvest.identify.result import Estimate, Identification
 from piezoharvest.predict.parameters import value_at
 
+MIN_STANDARD_ERRORS = 4.0  # of a parameter that the records put elsewhere: chance in one of 10^4
+
 
 def estimates_with_effects(before: Identification, final: Fit) -> Iterator[Estimate]:
     """Estimates of the extended model, in the order of those before."""
@@ -36,6 +38,12 @@ def estimates_with_effects(before: Identification, final: Fit) -> Iterator[Estim
             experiment="" if identifiable else experiment(estimate.parameter),
             assumes=tuple(name for name in estimate.assumes if name not in names),
         )  # fmt: skip
+
+
+def is_elsewhere(estimate: Estimate) -> bool:
+    """True if a parameter is implausible and the records say so: by more standard errors than chance explains."""
+    off = abs(estimate.value - estimate.nominal)
+    return is_implausible(estimate) and estimate.std is not None and off > MIN_STANDARD_ERRORS * estimate.std
 
 
 def is_implausible(estimate: Estimate) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from piezoharvest.description.catalogue.parts import parts
 from piezoharvest.description.excitation import Excitation, Tones
@@ -40,6 +40,30 @@ MEASUREMENTS = {
     "voltage_pp": "PP V(p)",
     "dc_voltage": "AVG V(vdc)",
 }
+
+
+class Accuracy(NamedTuple):
+    """Tolerances of the time steps.
+
+    Attributes
+    ----------
+    relative : float
+        reltol, or its multiple.
+    current : float
+        abstol, as a share of the size of the current.
+    overestimate : float
+        trtol: by how much the error of a step is taken to be overestimated.
+    """
+
+    relative: float
+    current: float
+    overestimate: float
+
+
+# A winding that rings so many times in a period is followed in small steps until its current is below abstol. What it
+# has is lost anyway, and the time of ten minutes comes down to half a one for another 1e-4 of the power.
+MANY_RINGS = 2000
+RINGING = Accuracy(10.0, 2e-5, 7.0)
 
 
 def export_spice(
@@ -86,7 +110,8 @@ def export_spice(
     dialect : str, optional
         For one of the programs alone, with its own options; by default for both.
     tolerance : float
-        Relative tolerance of the time steps (reltol).
+        Relative tolerance of the time steps (reltol); ten times that where a winding rings thousands of times in a
+        period.
 
     Returns
     -------
@@ -126,7 +151,10 @@ def export_spice(
     _write_readings(deck, point, circuit)
     deck.section("analysis")
     window = _write_window(deck, point, circuit, periods, measured_periods)
-    _write_analysis(deck, point, window, _largest_step(point, circuit, steps_per_period), (tolerance, dialect))
+    rings = 2 * math.pi * (getattr(shunt, "self_resonance", None) or 0.0) > MANY_RINGS * point.omega
+    accuracy = RINGING if rings else Accuracy(1.0, 1e-9, 1.0)
+    step = _largest_step(point, circuit, steps_per_period)
+    _write_analysis(deck, point, window, step, accuracy._replace(relative=tolerance * accuracy.relative), dialect)
     return deck.text()
 
 
@@ -225,10 +253,9 @@ def _largest_step(point: OperatingPoint, circuit: NetlistCircuit, steps: int) ->
 
 
 def _write_analysis(
-    deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, options: tuple[float, str | None]
+    deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, accuracy: Accuracy, dialect: str | None
 ) -> None:
-    """Simulation command, options (relative tolerance and dialect) and measurements."""
-    tolerance, dialect = options
+    """Simulation command, options and measurements."""
     _write_efficiency(deck, point, window, step)
     begin, end = (number(time) for time in window)
     deck.comment(
@@ -238,7 +265,8 @@ def _write_analysis(
     deck.comment("Gear integration damps what trapezoidal integration lets ring after a switch has opened.")
     charge, voltage = 1e-9 * point.current / point.omega, 1e-7 * min(1.0, point.voltage)
     deck.add(
-        f".options method=gear reltol={number(tolerance)} trtol=1 abstol={number(1e-9 * point.current)} "
+        f".options method=gear reltol={number(accuracy.relative)} trtol={number(accuracy.overestimate)} "
+        f"abstol={number(accuracy.current * point.current)} "
         f"vntol={number(voltage)} chgtol={number(charge)}" + _OWN_OPTIONS[dialect]
     )
     deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) V(efficiency) I(Vload)")

@@ -8,7 +8,42 @@ from studies import BENCH, DRIVE, STOPS, bench, solve
 LOAD = {"smoothing_capacitance": 2e-7, "load_resistance": 2e5}
 REAL = {"diode_drop": 0.2, "diode_resistance": 3e3, "diode_leakage": 1e-7}
 LOOP = {"inductance": 0.1, "quality": 5.0}
+BRIDGE = """* bridge with a filter
+.model d D(Ron={} Roff=1g Vfwd={})
+D1 p plus d
+D2 0 plus d
+D3 minus p d
+D4 minus 0 d
+C1 plus minus 0.1u
+L1 plus out 10
+Rload out minus 160k
+"""
+# Coupled coils, a loop of capacitors, a switch with a threshold, and sources that leave a charge and a current at rest.
+SOURCES = """* all elements
+.model d D(Ron=10 Roff=1g Vfwd=0.1)
+.model s SW(Ron=100 Roff=100meg Vt=1.5 Vh=0.5)
+L1 p 0 100
+L2 s 0 25
+K1 L1 L2 0.95
+D1 s dc d
+C1 dc a 100n
+C2 a 0 400n
+C3 dc 0 50n
+S1 dc out dc 0 s
+Rout out 0 20k
+V1 bat 0 0.3
+C4 bat 0 10n
+C5 bat p 1n
+R1 bat dc 1meg
+L3 p b 300
+L4 b 0 200
+I1 0 b 1u
+R2 0 p 1meg
+"""
 CIRCUITS = {
+    "spice": {"kind": "spice", "netlist": BRIDGE.format(10, 0.1), "load": ["Rload"]},
+    "spice stiff": {"kind": "spice", "netlist": BRIDGE.format(0.03, 0)},
+    "spice all elements": {"kind": "spice", "netlist": SOURCES, "load": ["Rout"]},
     "rectifier": {"kind": "rectifier", **LOAD, **REAL},
     "half_wave": {"kind": "half_wave", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
     "half_wave real": {"kind": "half_wave", "dc_voltage": 1.0, **REAL},

@@ -408,3 +408,13 @@ def test_nothing_of_the_engine_is_used():
                 assert not f"{name}.".startswith(tuple(f"{part}." for part in forbidden)), (
                     f"{path}:{node.lineno}: {name}"
                 )
+
+
+def test_a_current_beside_which_that_of_the_electrodes_is_nothing():
+    """All of a bias current goes into the capacitor across the leads: the stops let no charge into the electrodes."""
+    device = {"mass": 1.2e-8, "damping": 1e-14, "stiffness": 1.8e-12, "coupling": -2.4e-14, "capacitance": 9.7e-13}
+    device["hysteresis"] = {"thresholds": [20.0], "weights": [1.6e17]}
+    shunt = {"kind": "parallel_rlc", "inductance": 1e21, "resistance": 1e22, "capacitance": 1.1e-8}
+    sine = {"kind": "sine_force", "amplitude": 400.0, "frequency": 0.002}
+    found = waves(sine, shunt, device, effects={"bias_current": {"current": 350.0}}, length=2000.0, rate=0.1)
+    assert error(found.voltage, 350.0 * found.time / 1.1e-8) < 1e-4

@@ -13,7 +13,7 @@ from piezoharvest.bench.solver.drive import Drive
 from piezoharvest.bench.solver.model import Model, SolverError
 from piezoharvest.bench.solver.radau import NODES
 from piezoharvest.bench.solver.rest import rest
-from piezoharvest.bench.solver.sizes import charge_rounding, elastance, expected_sizes
+from piezoharvest.bench.solver.sizes import elastance, expected_sizes, voltage_rounding
 from piezoharvest.bench.solver.stepper import Stepper, Trial
 
 # Tolerance of the estimated local error, relative to the size of each state. The estimate is of third order and the
@@ -24,6 +24,10 @@ MIN_SIZE = 1e-3
 # The same of a circuit that may make much of what is small: an output that runs away from rest until it is at its limit
 # has its phase from then on from its first moments.
 MIN_ACTIVE = 1e-12
+# The same of the electrode voltage, and its smallest size, relative to that of open electrodes.
+VOLTAGE_TOLERANCE, MIN_VOLTAGE = 1e-6, 1e-6
+# Rounding of an estimated error over that of the state.
+ESTIMATED = 30.0
 # A guard counts as crossed beyond this fraction of its size, which is above rounding.
 SLACK = 1e-10
 # Limits of trial steps in a run, and per interval between nodes: most records take one to three per interval, one with
@@ -74,8 +78,10 @@ class Integrator:
         expected = expected_sizes(model, drive)
         least = MIN_ACTIVE if model.circuit.active else MIN_SIZE
         rest_size = np.abs(self.y)
-        least_energy = elastance(model) ** 0.5 * charge_rounding(model, rest_size) / TOLERANCE
+        stiff = elastance(model)
+        least_energy = voltage_rounding(model, rest_size, stiff) / stiff**0.5 / TOLERANCE
         self.sizes = np.maximum(rest_size, max(least * expected.root_energy, least_energy) / model.scale)
+        self.voltage = MIN_VOLTAGE * expected.voltage  # largest so far, V
         # Largest values at changes of branch so far of voltage, current, what the switch watches, and the rate of each
         # stop's coordinate. A current that begins at zero has its size from the voltage that drives it.
         self.peaks: dict[str | int, float] = {
@@ -84,7 +90,9 @@ class Integrator:
             "S": expected.turning,
         }
         self.least, self.resolution = 1e-12 * float(lengths.min()), 1e-9 * float(lengths.min())
-        self.stepper = Stepper(model, self.sizes, 1e-10 * float(lengths.min()))
+        energy = expected.root_energy if np.any(self.drives) else 1.0
+        reach = np.exp2(np.round(np.log2(energy / model.scale)))  # a power of two, by which nothing is rounded
+        self.stepper = Stepper(model, self.sizes, reach, 1e-10 * float(lengths.min()))
         self.states = np.empty((len(nodes), len(self.y)))
         self.branches: list[tuple[int, tuple]] = []
         self.steps = self.events = 0
@@ -103,6 +111,7 @@ class Integrator:
         with np.errstate(all="ignore"):
             self._enter(0)
             for interval in range(len(self.drives)):
+                self.model.tie(self.t, self.y)
                 self.states[interval] = self.y
                 self._integrate_interval(interval)
             self.states[-1] = self.y
@@ -155,7 +164,7 @@ class Integrator:
         The last step goes up to `end`, which `ends` the interval or is an instant within it.
         """
         trial = self._try(interval, h)
-        error = float((np.abs(trial[1]) / self.sizes).max()) / TOLERANCE
+        error = max(float((np.abs(trial[1]) / self.sizes).max()) / TOLERANCE, self._voltage_error(trial[1]))
         if not error <= 1.0:
             self._shorten(h, error)
             return
@@ -171,6 +180,7 @@ class Integrator:
         self.stepper.accept()
         self.steps += 1
         np.maximum(self.sizes, np.abs(self.y), out=self.sizes)
+        self.voltage = max(self.voltage, abs(float(self.stepper.line.voltage @ np.append(self.y, 1.0))))
         if passed:
             self._fire(int(np.argmax(trial[2][2] / self.guard_sizes)))
             self._enter(interval + 1)
@@ -257,19 +267,28 @@ class Integrator:
             *((stop.row, m.rates[stop.row]) for stop in model.all_stops),
         ]:
             self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
-        of_circuit = self.peaks[model.circuit.guard_unit]
+        units = model.circuit.guard_units
         of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
         self.guard_sizes = np.array(
-            [of_circuit] * model.circuit.guard_count
+            [self.peaks[unit] for unit in units]
             + [size for size in of_stops for _ in "12"]
             + ([self.peaks["S"]] * 2 if switch else [])
         )
         slack = SLACK * self.guard_sizes
-        if model.circuit.guard_unit == "V":
-            slack[: model.circuit.guard_count] += elastance(model) * charge_rounding(model, self.sizes)
+        voltages = [n for n, unit in enumerate(units) if unit == "V"]
+        slack[voltages] += voltage_rounding(model, self.sizes, float(m.elastance[0]))
         if switch:  # an extremum just passed, or not quite, is not the next one
             slack[-2:] = np.maximum(slack[-2:], [float(np.squeeze(each)) for each in switch.guards(m.turning)])
         self.stepper.allow(slack)
+
+    def _voltage_error(self, error: np.ndarray) -> float:
+        """Error of the voltage over what is allowed: it may be a small difference of the charges that are states.
+
+        It is so behind a coil that all but shorts the electrodes, and beside a capacitor that is much larger than they.
+        """
+        slope = self.stepper.line.voltage[:-1]
+        rounding = voltage_rounding(self.model, self.sizes, float(slope[self.model.q_row]))
+        return abs(float(slope @ error)) / max(VOLTAGE_TOLERANCE * self.voltage, ESTIMATED * rounding)
 
     def _moment(self) -> SimpleNamespace:
         """All quantities at this instant."""

@@ -246,8 +246,8 @@ class Model:
             y[self.q_row] += direction * move
 
     def tie(self, t: float, y: np.ndarray) -> None:
-        """Set the charge of the state `y` so that a constraint that has just begun holds exactly."""
-        m = self.moment(np.array([t]), np.zeros(1), y[:, None], np.empty((len(y), 1)))
-        voltage = self.circuit.tied(m.y[self.own_rows.stop :])
+        """Set the charge of the state `y` so that a constraint holds exactly: it began, or rounding added up."""
+        voltage = self.circuit.tied(y[self.own_rows.stop :, None])
         if voltage is not None:
+            m = self.moment(np.array([t]), np.zeros(1), y[:, None], np.empty((len(y), 1)))
             y[self.q_row] += ((voltage - m.v) / m.elastance)[0]

@@ -23,11 +23,18 @@ _GAMMA = 3 + 3 ** (2 / 3) - 3 ** (1 / 3)
 
 
 class Line(NamedTuple):
-    """Rates and guards as J y + b drive + c: J of shape (states + guards, states), b and c of (states + guards,)."""
+    """Rates and guards as J y + b drive + c: J of shape (states + guards, states), b and c of (states + guards,).
+
+    Attributes
+    ----------
+    voltage : (states + 1,) array
+        Derivative of the electrode voltage with respect to the states, and its value where they are zero.
+    """
 
     J: np.ndarray
     b: np.ndarray
     c: np.ndarray
+    voltage: np.ndarray
 
 
 class Step(NamedTuple):

@@ -34,6 +34,7 @@ def rest(model: Model, drive: float) -> np.ndarray:
             raise SolverError(f"no equilibrium was found under the static drive of {drive:g}") from None
     _unbalanced(model, drive, y, float(y[0, 0]))
     y[model.q_row] = (model.coupling * y[:n]).sum() + model.quadratic_coupling * y[0] ** 2
+    y[model.own_rows.stop :, 0] = model.circuit.start()
     for stop in model.all_stops:
         stop.relax(float(y[stop.row, 0]))
     return y[:, 0]

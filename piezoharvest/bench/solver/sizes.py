@@ -53,18 +53,23 @@ def expected_sizes(model: Model, drive: Drive) -> Sizes:
     moved = lsim(system, signal, times)[1].reshape(len(times), 2 * n)
     x, u = moved[:, :n] / scale[:n].T, moved[:, n:] / scale[n:].T
     preload = np.abs(model.gain * drive.rest / model.stiffness**0.5).max()
-    found = (float(np.abs(each).max()) for each in (np.abs(moved) + preload, stiff * x @ coupling, u @ coupling))
+    found = (float(np.abs(each).max()) for each in (np.abs(moved) + preload, x @ coupling, u @ coupling))
     static = np.abs(signal + drive.rest).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
-    most = static * np.array([1.0, stiff**0.5, float(np.abs(coupling / mass**0.5).max())])
-    return Sizes(*(min(each, other) + TINY for each, other in zip(found, most, strict=True)))
+    most = static * np.array([1.0, stiff**-0.5, float(np.abs(coupling / mass**0.5).max())])
+    energy, charge, turning = (min(each, other) + TINY for each, other in zip(found, most, strict=True))
+    # A stop carries no more than its threshold.
+    held = sum(w * min(charge, stop.threshold) for w, stop in zip(model.weights, model.stops, strict=True))
+    return Sizes(energy, charge / (model.transducer.capacitance + model.beside) + held, turning)
 
 
-def charge_rounding(model: Model, sizes: np.ndarray) -> float:
-    """Rounding error of the charge behind the electrode voltage (C) with states of these sizes.
+def voltage_rounding(model: Model, sizes: np.ndarray, slope: float) -> float:
+    """Rounding error of the electrode voltage (V) with states of these sizes and a `slope` by the charge (1/F).
 
-    It is a difference of charges, which under a preload may be a hundred million times as large as that.
+    v_t is a difference of charges, which under a preload may be a hundred million times as large as that.
     """
-    return ROUNDING * (sizes[model.q_row] + float(np.abs(model.coupling[:, 0]) @ sizes[: model.count]))
+    softness = 1.0 / (model.transducer.capacitance + model.beside)
+    strain = float(np.abs(model.coupling[:, 0]) @ sizes[: model.count])
+    return ROUNDING * (abs(slope) * float(sizes[model.q_row]) + softness * strain)
 
 
 def elastance(model: Model) -> float:

@@ -28,12 +28,15 @@ class Stepper:
     model : Model
     sizes : (states,) array
         Size of each state, below which errors do not count; may be changed in place.
+    reach : (states,) array
+        Changes of the states that tell linear equations: of the size of the motion, since beside a constant term a
+        small one is lost in rounding.
     unit : float
         Tolerance in s within which two steps are equally long.
     """
 
-    def __init__(self, model: Model, sizes: np.ndarray, unit: float) -> None:
-        self.model, self.sizes, self.unit = model, sizes, unit
+    def __init__(self, model: Model, sizes: np.ndarray, reach: np.ndarray, unit: float) -> None:
+        self.model, self.sizes, self.reach, self.unit = model, sizes, reach, unit
         self.scale, self.n = model.scale, len(sizes)
         self.tables: dict[tuple, Step] = {}
         self.lines: dict[tuple, Line] = {}
@@ -63,15 +66,18 @@ class Stepper:
     def linearise(self, t: float, drive: float, y: np.ndarray) -> None:
         """Compute the matrices of rates and guards: exact for linear equations, else a tangent."""
         n, smooth = self.n, self.model.smooth
-        origin, level, steps = (y, drive, 1e-5 * self.sizes) if smooth else (0.0 * y, 0.0, np.ones(n))
+        origin, level, steps = (y, drive, 1e-5 * self.sizes) if smooth else (0.0 * y, 0.0, self.reach)
         columns = np.tile(origin[:, None], n + 2)
         columns[:, :n] += np.diag(steps)
         drives = np.full(n + 2, level)
         drives[n] += 1.0
         values = self.model.values(np.full(n + 2, t), drives, columns)
+        voltages = self.model.circuit.voltage + np.zeros(n + 2)
         slopes = values[:, : n + 1] - values[:, n + 1 :]
         J, b = slopes[:, :n] / steps, slopes[:, n]
-        self._adopt(Line(J, b, values[:, n + 1] - J @ origin - b * level), t)
+        voltage = (voltages[:n] - voltages[n + 1]) / steps
+        voltage = np.append(voltage, voltages[n + 1] - voltage @ origin)
+        self._adopt(Line(J, b, values[:, n + 1] - J @ origin - b * level, voltage), t)
         if smooth:
             self.tables.clear()
         if len(self.slack):
@@ -130,7 +136,7 @@ class Stepper:
 
     def _iterate(self, table: Step, t: float, h: float, y: np.ndarray, drives: np.ndarray, linear: np.ndarray) -> Trial:
         """Iterate on the excess of the equations over their linearisation, predicted from the previous step."""
-        n, (J, b, c) = self.n, self.line
+        n, (J, b, c, _) = self.n, self.line
         times, known = t + h * _STAGES, b[:n, None] * drives[1:] + c[:n, None]
         stages = linear.T + (table.correct @ self._foreseen(h).T.ravel()).reshape(3, n).T
         columns, size = np.empty((n, 4)), self.sizes[:, None]

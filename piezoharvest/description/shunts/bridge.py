@@ -291,8 +291,17 @@ def sign_of(configuration: str) -> int:
 def diode_guards(
     shunt: Bridge, configuration: str, rectified: Row, port: Port, z: SimpleNamespace, cut: str | None = None
 ) -> list[Guard]:
-    """Guards: conduction starts where the voltage exceeds the dc side's, and stops where the rectified current ends."""
+    """Guards: conduction starts where the voltage exceeds the dc side's, and stops where the rectified current ends.
+
+    Behind a resistance the current is told by the voltage across that: as the difference of what flows beside it, large
+    currents next to a winding, its rounding would let diodes block that have just begun to conduct.
+    """
     sign = sign_of(configuration)
     if sign:
+        resistance = shunt.resistance(sign)
+        resistive = np.real(resistance) > 0
+        if np.any(resistive):
+            by_voltage = shunt.excess(sign, port, z) / np.where(resistive, resistance, 1.0)
+            rectified = np.where(resistive, by_voltage, rectified)
         return [Guard(-rectified, configuration[:-1], cut)]
     return [Guard(shunt.excess(s, port, z), configuration + mark) for s, mark in ((1, "+"), (-1, "-"))]

@@ -218,9 +218,41 @@ class SpiceCircuit(Shunt):
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         odd = not self._switching_of(self.branches)
-        voltages = [State(f"voltage_{b.name}", b.value, odd) for b in self.branches if b.kind == "C"]
-        share = self._inductances[2]
-        return (*voltages, *(State(f"flux_{n}", float(value), odd) for n, value in enumerate(share)))
+        share, (charged, flowing) = self._inductances[2], self._start
+        voltages = [State(f"voltage_{b.name}", b.value, odd, initial=charged[b.name]) for b in self.branches
+                    if b.kind == "C"]  # fmt: skip
+        return (*voltages, *(State(f"flux_{n}", float(share[n]), odd, initial=flowing[n]) for n in range(len(share))))
+
+    @cached_property
+    def _start(self) -> tuple[dict[str, float], np.ndarray]:
+        """Voltages of the capacitors by name, and fluxes, when the sources are switched on.
+
+        Where a loop has nothing but sources and capacitors, and a cutset nothing but sources and inductors, charges and
+        fluxes move at once: to the least energy that the sources leave.
+        """
+        tree, links, cut = self._tree("none")
+        inner = {kind: [n for n, e in enumerate(tree) if e.kind == kind] for kind in "VCL"}
+        outer = {kind: [n for n, e in enumerate(links) if e.kind == kind] for kind in "ICL"}
+
+        def crossed(own: str, other: str) -> np.ndarray:
+            return cut[1:][np.ix_(inner[own], outer[other])]
+
+        held = np.array([tree[n].value for n in inner["V"]])
+        stored, linked = (np.array([of[n].value for n in where["C"]]) for of, where in ((tree, inner), (links, outer)))
+        imposed = crossed("V", "C").T @ held
+        weighed = crossed("C", "C") * linked
+        voltages = np.linalg.solve(np.diag(stored) + weighed @ crossed("C", "C").T, -weighed @ imposed)
+        charged = {tree[n].name: float(v) for n, v in zip(inner["C"], voltages, strict=True)}
+        loops = crossed("C", "C").T @ voltages + imposed
+        charged |= {links[n].name: float(v) for n, v in zip(outer["C"], loops, strict=True)}
+        coils, matrix, _, vectors = self._inductances
+        place = {coil.name: n for n, coil in enumerate(coils)}
+        free, bound = [place[links[n].name] for n in outer["L"]], [place[tree[n].name] for n in inner["L"]]
+        follows, forced = np.zeros((len(coils), len(free))), np.zeros(len(coils))
+        follows[free], follows[bound] = np.eye(len(free)), -crossed("L", "L")
+        forced[bound] = -crossed("L", "I") @ np.array([links[n].value for n in outer["I"]])
+        own = np.linalg.solve(follows.T @ matrix @ follows, -follows.T @ matrix @ forced)
+        return charged, np.linalg.solve(vectors, follows @ own + forced)
 
     def configurations(self) -> tuple[str, ...]:
         names = [branch.name for branch in self._switching_of(self.branches)]
@@ -295,7 +327,8 @@ class SpiceCircuit(Shunt):
 
     def switch(self, capacitance: float, period: float | None) -> None:
         """No synchronised switch; raise `ParameterError` where a part conducts too well to be told from a short."""
-        least = (STIFFEST * period if period is not None else FASTEST) / capacitance
+        # In a fit there is a capacitance for each change of a parameter, which are all but the same.
+        least = (STIFFEST * period if period is not None else FASTEST) / float(np.min(np.real(capacitance)))
         for branch in self._switching_of(self.branches):
             if branch.part.model["ron"] < least:
                 found = f"found Ron={branch.part.model['ron']:g} ohm, must be {least:.3g} ohm or more"
@@ -304,12 +337,18 @@ class SpiceCircuit(Shunt):
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the capacitor across the first load of a circuit with diodes or switches; else zero."""
+        found = self.dc_capacitor
+        return 0.0 * port.one if found is None else found[1] * getattr(z, f"voltage_{found[0].name}")
+
+    @property
+    def dc_capacitor(self) -> tuple[Branch, float] | None:
+        """Capacitor across the first load of a circuit with diodes or switches, and 1 or -1: its sign on the load."""
         if self._switching_of(self.branches) and self.load:
             load = next(branch for branch in self.branches if branch.name.lower() == self.load[0])
             for branch in self.branches:
                 if branch.kind == "C" and set(branch.nodes) == set(load.nodes):
-                    return (1.0 if branch.nodes == load.nodes else -1.0) * getattr(z, f"voltage_{branch.name}")
-        return 0.0 * port.one
+                    return branch, 1.0 if branch.nodes == load.nodes else -1.0
+        return None
 
     def _fluxes(self, z: SimpleNamespace) -> list[Row]:
         return [getattr(z, f"flux_{n}") for n in range(len(self._inductances[2]))]

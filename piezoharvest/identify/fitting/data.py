@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.spice_circuit import SpiceCircuit
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.circuit_start import circuit_start, loop_closed_at_first
 from piezoharvest.identify.noise.drive_denoising import denoised
@@ -199,10 +200,11 @@ def check_channels(record: Record) -> None:
             continue
         shunt, signal = record.shunt, record.signals[channel]
         kind = "no circuit" if shunt is None else shunt.kind
-        if not isinstance(shunt, Bridge):
+        imported = isinstance(shunt, SpiceCircuit) and channel == "dc_voltage" and shunt.dc_capacitor is not None
+        if not (isinstance(shunt, Bridge) or imported):
             message = f"found a channel {channel} behind {kind}, allowed behind a rectifier or an SSHI circuit"
             raise CampaignError(signal.file, channel, message, channel=channel)
-        if channel == "dc_current" and shunt.load_resistance is None:
+        if isinstance(shunt, Bridge) and channel == "dc_current" and shunt.load_resistance is None:
             message = "found a channel dc_current at a constant dc_voltage, it must be that through a load_resistance"
             raise CampaignError(signal.file, channel, message, channel=channel)
 

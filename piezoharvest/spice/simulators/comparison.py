@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from piezoharvest.description.excitation import Excitation
@@ -36,9 +37,24 @@ class Figure(NamedTuple):
 
 
 def compare(
-    system: System, excitation: Excitation, diodes: str | None = None, timeout: float = 600.0
+    system: System,
+    excitation: Excitation,
+    diodes: str | None = None,
+    timeout: float = 600.0,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[Figure], bool]:
     """Simulate a system here and in ngspice.
+
+    Parameters
+    ----------
+    system : System
+    excitation : Excitation
+    diodes : str, optional
+        As of `export_spice`.
+    timeout : float
+        Longest time that is waited for ngspice, s.
+    progress : callable, optional
+        Called as by `run_netlist`.
 
     Returns
     -------
@@ -64,7 +80,7 @@ def compare(
         window = {"periods": PERIODS}
     response = simulate(system, excitation, transient=transient, samples=64, attenuation=False)
     netlist = export_spice(system.transducer, system.shunt, excitation, **window, diodes=diodes)
-    found = run_netlist(netlist, timeout)
+    found = run_netlist(netlist, timeout, progress=progress)
     figures = (
         ("harvested_power", "W", response.harvested_power, response.mechanical_power),
         ("mechanical_power", "W", response.mechanical_power, response.mechanical_power),

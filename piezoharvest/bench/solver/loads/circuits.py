@@ -35,6 +35,8 @@ class Circuit:
         Its timing, if it has one.
     guard_unit : "A" or "V"
         What its guards are.
+    guard_units : sequence of "A", "V" or "S"
+        The same of each guard; "S" is of the size of what a switch watches.
     smooth : bool
         It is nonlinear between events.
     active : bool
@@ -65,6 +67,10 @@ class Circuit:
 
     def meet(self, capacitance: float) -> None:
         """Set what depends on the transducer's clamped capacitance (F)."""
+
+    def start(self) -> np.ndarray | float:
+        """Its states at rest."""
+        return 0.0
 
     def track(self, open_voltage: float) -> None:
         """Set what depends on the peak voltage of open electrodes (V)."""
@@ -104,6 +110,11 @@ class Circuit:
         """A current while a bridge conducts, else voltages."""
         return "A" if self.conducting else "V"
 
+    @property
+    def guard_units(self) -> Sequence[str]:
+        """All alike."""
+        return [self.guard_unit] * self.guard_count
+
     def blocked(self, z: np.ndarray) -> None:
         """Change the states after a guard has crossed zero."""
 
@@ -128,6 +139,9 @@ class Short(Circuit):
 
     def flow(self, z, v, free, elastance):
         return free / elastance, ()
+
+    def tied(self, z):
+        return np.zeros(1)
 
 
 class Resistor(Circuit):

@@ -19,8 +19,6 @@ from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreak
 # A piece is left for the one before it at so much less than the current of the corner, relatively: behind a resistance
 # of an ohm, rounding of a voltage is as much of a microampere, and the two would follow each other without end.
 BACK = 1e-5
-# ohm; of diodes beside a winding that rings within ns, where the engine would not know a current from rounding.
-MOST_BESIDE_RINGING = 2e4
 MOST_CONFIGURATIONS = 4096  # with which a system is set up in a second; its 50 stops then have 2^62 combinations
 
 
@@ -43,9 +41,6 @@ def with_curves(shunt: Shunt) -> Shunt:
     switch = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
     if diode is None and switch is None:
         return shunt
-    if diode is not None and getattr(shunt, "self_resonance", None) is not None:
-        while diode.pieces > 1 and _stiff(diode):
-            diode = diode.without_first()
     found = Curved(circuit=shunt, diode=diode, closed_switch=switch)
     count = found.size
     if count > MOST_CONFIGURATIONS:
@@ -53,12 +48,6 @@ def with_curves(shunt: Shunt) -> Shunt:
         allowed = f"at most {MOST_CONFIGURATIONS} are allowed: give fewer points"
         raise ParameterError(key, f"found {count} combinations of pieces and configurations, {allowed}")
     return found
-
-
-def _stiff(diode: VoltageCurve) -> bool:
-    """Whether the first piece, which is steeper than the second one, has too large a resistance beside a winding."""
-    first, second = diode.resistances[:2]
-    return bool(first > max(second, MOST_BESIDE_RINGING))
 
 
 @dataclass(frozen=True, kw_only=True)

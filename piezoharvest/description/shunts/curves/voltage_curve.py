@@ -70,12 +70,6 @@ class VoltageCurve(Component):
         corners = tuple(currents[key] for key in sorted(currents))
         return VoltageCurve.stepped(corners, tuple(self.at(each) + other.at(each) for each in corners))
 
-    def without_first(self) -> VoltageCurve:
-        """Without the first corner: a piece with the same mean voltage at a steady rate, which begins with a drop."""
-        (_, one, two), (begin, middle, end) = self.currents[:3], self.voltages[:3]
-        twice = ((begin + middle) * one + (middle + end) * (two - one)) / two  # the mean over both pieces
-        return VoltageCurve.stepped((self.currents[0], *self.currents[2:]), (twice - end, *self.voltages[2:]))
-
     def at(self, current: Any) -> Any:
         """Voltage (V) at one current (A)."""
         k = sum(_nominal(current) >= _nominal(each) for each in self.currents[1:-1])
