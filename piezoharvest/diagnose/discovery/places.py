@@ -72,8 +72,9 @@ def _readings(records: list[Data]) -> Iterator[Reading]:
 
 def _is_proportional(records: list[Data]) -> bool:
     """True if the current is a multiple of the voltage: all records have the same resistor as their load."""
-    loads = {data.setting.shunt.resistance if isinstance(data.setting.shunt, Resistor) else None for data in records}
-    return len(loads) == 1 and None not in loads
+    shunts = [data.setting.shunt for data in records]
+    loads = {shunt.resistance for shunt in shunts if isinstance(shunt, Resistor)}
+    return len(loads) == 1 and all(isinstance(shunt, Resistor) for shunt in shunts)
 
 
 __all__ = ["places_of"]
