@@ -21,7 +21,7 @@ from piezoharvest.description.effects.nameless.places import (
     Spring,
 )
 from piezoharvest.description.effects.nameless.sizes import SIZES
-from piezoharvest.description.shunts import Resistor
+from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
