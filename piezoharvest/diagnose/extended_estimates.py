@@ -14,8 +14,6 @@ from piezoharvest.identify.identifiability import experiment, relative_error
 from piezoharvest.identify.result import Estimate, Identification
 from piezoharvest.predict.parameters import value_at
 
-MIN_STANDARD_ERRORS = 4.0  # of a parameter that the records put elsewhere: chance in one of 10^4
-
 
 def estimates_with_effects(before: Identification, final: Fit) -> Iterator[Estimate]:
     """Estimates of the extended model, in the order of those before."""
@@ -43,7 +41,8 @@ def estimates_with_effects(before: Identification, final: Fit) -> Iterator[Estim
 def is_elsewhere(estimate: Estimate) -> bool:
     """True if a parameter is implausible and the records say so: by more standard errors than chance explains."""
     off = abs(estimate.value - estimate.nominal)
-    return is_implausible(estimate) and estimate.std is not None and off > MIN_STANDARD_ERRORS * estimate.std
+    certain = thresholds.MIN_CERTAIN_DEVIATION
+    return is_implausible(estimate) and estimate.std is not None and off > certain * estimate.std
 
 
 def is_implausible(estimate: Estimate) -> bool:

@@ -196,6 +196,11 @@ MAX_DEVIATION = Threshold(
     source="choice: no data sheet is wrong by that much",
     steady=(0.7, 1.3),
 )
+MIN_CERTAIN_DEVIATION = Threshold(
+    4.0,
+    decides="standard errors by which a parameter beside a law without a name is off its nominal value for certain",
+    source="theory: 6e-5 of a normal distribution, for each of some five parameters",
+)
 MAX_RELATIVE_ERROR = Threshold(
     identifiability.MAX_RELATIVE_ERROR,
     decides="relative standard error above which a parameter of the extended model counts as not determined",
