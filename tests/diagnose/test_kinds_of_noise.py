@@ -44,11 +44,12 @@ def noisy(values, share, rng, kind):
     return values + size * white
 
 
-def campaign(kind, seed, amplitudes=(0.1, 0.5, 0.25), **faults):
+def campaign(kind, seed, amplitudes=(0.1, 0.5, 0.25), read=lambda voltage: voltage, **faults):
     rng, records = np.random.default_rng(seed), []
     shares = {"force_N": 0.0 if kind == "of the reading" else 1e-3, "displacement_m": 5e-3, "voltage_V": 5e-3}
     for n, (amplitude, sweep) in enumerate(zip(amplitudes, SWEEPS, strict=True)):
         time, exact = motion(amplitude, sweep, **faults)
+        exact["voltage_V"] = read(exact["voltage_V"])
         measured = {name: noisy(values, shares[name], rng, kind) for name, values in exact.items()}
         role = "validate" if n == len(amplitudes) - 1 else "fit"
         records.append({"data": {"time_s": time, **measured}, "load_resistance": LOAD, "role": role})
@@ -83,3 +84,18 @@ def test_a_leakage_is_no_creep_where_records_have_their_own_noise(seed):
     assert found.verdict in ("effect", "ambiguous")
     assert found.effects[0].effect.name in ("leakage", "load_error"), found.effects
     assert {"leakage", "load_error"} <= names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_an_amplifier_that_saturates_is_found_though_its_gain_is_all_but_that_of_the_coupling(seed):
+    """A table had taken a part of the coupling, from where no curve was near it: the coupling all but vanished."""
+    found = diagnose(campaign("white", 20 + seed, read=lambda voltage: 25.0 * np.tanh(voltage / 25.0)))
+    assert found.verdict == "new_effect"
+    (discovery,) = found.discovery
+    law, form = discovery.law, discovery.law.form
+    assert (law.place.name, law.place.input) == ("reading.voltage", "voltage")
+    assert (form.curve, form.bent) == ("tanh", True)
+    assert [form.factor, form.scale] == pytest.approx([25.0, 25.0], rel=2e-3)
+    for estimate in found.estimates:
+        assert abs(estimate.value - TRUE[estimate.parameter.name]) < 4.5 * (estimate.std or 0.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,6 +30,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
     outward,
 )
+from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, Stribeck
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
@@ -82,6 +84,7 @@ def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
     tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
     most = REFITTED_BEYOND_TABLE if coarse else REFITTED
+    most *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
     every = candidates(table) if isinstance(table.form, TABLES) else []
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
     for each in some:
@@ -140,7 +143,9 @@ class _Loss:
         # beside it; elsewhere a constant goes with offsets.
         fixed = table.place.in_circuit and not drop_path(table.found.model.transducer)
         free = [] if fixed else [np.ones(len(self.x))]
-        self.basis = np.column_stack([pieces, *free, *([self.x] if table.law.bent else [])])
+        # A gain of a sensor is all but a change of parameters, which a table has taken in any share.
+        lines = [self.x] if table.law.bent or _of_itself(table.place) else []
+        self.basis = np.column_stack([pieces, *free, *lines])
         inside, right = table.normal
         values, vectors = np.linalg.eigh(inside)
         values = np.maximum(values, 0.0)
@@ -189,6 +194,11 @@ class _Loss:
         except ValueError:
             return None
         return FittedFormula(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
+
+
+def _of_itself(place: Place) -> bool:
+    """True for the reading of a channel over its own value."""
+    return isinstance(place, Reading) and place.of == place.channel
 
 
 def _families(table: LawFit) -> Iterator[list[Start]]:
@@ -240,15 +250,13 @@ def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
 def _curves(table: LawFit, size: float) -> Iterator[list[Start]]:
     """Curves with a scale, which equations have as broken lines."""
     place = table.place
-    for curve in SCALED:
+    for curve, bent in product(SCALED, (False, True) if _of_itself(place) else (table.law.bent,)):
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
         shares = (*SCALES, *SATURATION_CURRENTS) if place.in_circuit and curve == "log" else SCALES
         # Of the scale the logarithm is varied: a saturation current may be off by decades.
         yield [
             (
-                lambda z, c=curve, s=sign: Shape(
-                    factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=table.law.bent
-                ),
+                lambda z, c=curve, s=sign, b=bent: Shape(factor=z[0], scale=s * size * np.exp(z[1]), curve=c, bent=b),
                 np.array([np.log(share)]),
             )
             for share in shares
