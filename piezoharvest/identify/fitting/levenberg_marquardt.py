@@ -12,6 +12,7 @@ from piezoharvest.identify.fitting.bounded_step import bounded_step
 from piezoharvest.identify.fitting.cost_function import CostFunction, Point, Whiteners
 from piezoharvest.identify.fitting.evaluation import whiteners
 from piezoharvest.identify.fitting.likelihood import Sums
+from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.problem import Problem, prior_of, starting
 from piezoharvest.identify.noise.noise_model import Noise
@@ -34,6 +35,7 @@ MAX_LOG_STEP = 0.5  # largest step of a logarithm: parameters that the data hard
 ROUGH_INITIAL_DAMPING, INITIAL_DAMPING = 1e-4, 1e-6  # initial damping of a rough fit, and of one that continues from it
 MIN_DAMPING = 1e-12  # least damping
 MAX_DAMPING_REDUCTIONS = 4  # most reductions of the damping in a row without a gain
+NEAR_NOISE = 10.0  # mean square of whitened residuals up to which a model follows its records well
 MAX_RETURN_STEPS = 2  # most steps back to the bottom of a valley
 
 
@@ -165,8 +167,10 @@ class _Descent:
         self.damping = ROUGH_INITIAL_DAMPING if loose else INITIAL_DAMPING
         self.correction = np.zeros_like(start.information)  # of the information to the curvature of the cost
         self.count = sum(float(part.count.sum()) for part in start.sums)
-        # A switch that acts once more makes the cost uneven: elsewhere, a predicted decrease is achieved in the end.
-        self.smooth = not judge.problem.needs_engine
+        # A switch that acts once more makes the cost uneven, and what a model lacks bends it by more than its valleys.
+        # Elsewhere a predicted decrease is achieved in the end.
+        responses = all(isinstance(data, FrequencyData) for data in judge.problem.data)
+        self.smooth = responses or (not judge.problem.needs_engine and start.squares < NEAR_NOISE * self.count)
         self.iteration, self.small_decreases, self.reductions, self.rejected = 0, 0, 0, False
         self.costs, self.predictions = [start.cost], list[float]()
         self.ended, self.converged, self.message = False, False, NOT_CONVERGED
