@@ -49,7 +49,9 @@ def on_parabola(x: np.ndarray, curvature=4.0, share=1.0) -> Any:
 
 def descent_from_one(tried, **which):
     """Descent of one variable from the value one on a parabola, as far as `tried` gives points of it."""
-    judge: Any = SimpleNamespace(problem=SimpleNamespace(data=(None,), needs_engine=True), precision=np.zeros(1), tried=tried)
+    judge: Any = SimpleNamespace(
+        problem=SimpleNamespace(data=(None,), needs_engine=True), precision=np.zeros(1), tried=tried
+    )
     free, none = np.full(1, np.inf), np.zeros(1, bool)
     start = on_parabola(np.ones(1), **which)
     return _Descent(judge, _Bounds(-free, free, free, none, none), start, False, 1e-9, -np.inf)
