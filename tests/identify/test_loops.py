@@ -16,7 +16,8 @@ from piezoharvest.identify.hysteresis.loop_fit import Loop, LoopError
 from piezoharvest.identify.hysteresis.loop_model import convex_fit
 from piezoharvest.identify.hysteresis.loops import identify_loop
 from piezoharvest.identify.hysteresis.play_operators import initial_states, plays, turning_points
-from piezoharvest.identify.noise.coloured_noise import covariance, effective_samples, noise_floor
+from piezoharvest.identify.noise.coloured_noise import covariance, effective_samples
+from piezoharvest.identify.noise.differences import median_variance
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "picma_stack_hysteresis"
 R, W = np.array([0.1, 0.35, 0.8]), np.array([1.0, 0.6, 0.9])
@@ -175,9 +176,9 @@ class TestRecovery:
 
 
 class TestColoured:
-    def test_noise_floor(self):
+    def test_noise_on_a_smooth_signal(self):
         noisy = 10 * SIGNAL + 0.01 * np.random.default_rng(1).standard_normal(len(SIGNAL))
-        assert noise_floor(noisy) == pytest.approx(0.01, rel=0.1)
+        assert median_variance(noisy, 6) ** 0.5 == pytest.approx(0.01, rel=0.1)
 
     @pytest.mark.parametrize("rho", [0.0, 0.3, 0.8])
     def test_effective_samples_of_an_autoregression(self, rho):

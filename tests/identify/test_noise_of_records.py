@@ -8,37 +8,24 @@ from scipy.signal import butter, lfilter, resample_poly
 
 from piezoharvest.identify.noise.noise_levels import levels_of, noise_floor, relative_levels
 from piezoharvest.identify.noise.proportional_noise import relative_variance
+from piezoharvest.records.record import Signal
 
 COUNT = 8000
 
 
-def record(drive, **responses):
-    """A record with a force as its drive, as far as estimates of noise read it."""
-    channels = {"force": drive, **responses}
-    signals = {name: SimpleNamespaceSignal(values) for name, values in channels.items()}
-    return SimpleRecord(signals)
-
-
-class SimpleNamespaceSignal(SimpleNamespace):
-    """A signal that can be the key of a cache."""
-
-    __hash__ = object.__hash__
-
-    def __init__(self, values):
-        super().__init__(values=values, sigma=None)
-
-
-class SimpleRecord(SimpleNamespace):
-    """A record of some signals, driven by a force, with open electrodes."""
-
-    def __init__(self, signals):
-        super().__init__(signals=signals, drive="force", shunt=None, name=str(id(self)))
+class Measured(SimpleNamespace):
+    """A record with open electrodes that a force drives, as far as estimates of noise read it."""
 
     def __getitem__(self, name):
         return self.signals[name].values
 
     def __len__(self):
         return len(self["force"])
+
+
+def record(drive, **responses):
+    signals = {name: Signal(values, None, "", "", 1) for name, values in {"force": drive, **responses}.items()}
+    return Measured(signals=signals, drive="force", shunt=None, name=str(id(signals)))
 
 
 def chirp(amplitude=1.0, count=COUNT):

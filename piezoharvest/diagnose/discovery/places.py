@@ -63,10 +63,12 @@ def _readings(records: list[Data]) -> Iterator[Reading]:
     channels = dict.fromkeys(channel for data in records for channel in data.channels)
     drives = dict.fromkeys(data.drive for data in records)
     rates = ("displacement_rate", *(f"{drive}_rate" for drive in drives))
+    twice = {("velocity", "displacement_rate")}  # the same as its own value
+    if _is_proportional(records):
+        twice |= {(channel, "voltage" if channel == "current" else "current") for channel in channels}
     for channel in channels:
         for of in dict.fromkeys((channel, *READ_OF, *drives, *rates, "time")):
-            twice = _is_proportional(records) and of == ("voltage" if channel == "current" else "current") != channel
-            if channel not in drives and not twice and not (channel == "velocity" and of == "displacement_rate"):
+            if channel not in drives and (channel, of) not in twice:
                 yield Reading(channel, of)
 
 

@@ -91,6 +91,10 @@ class Data:
         """The imposed channel."""
         return self.setting.drive
 
+    def level(self, channel: str) -> float:
+        """Noise of a channel, or of the drive, relative to that of the campaign."""
+        return self.levels.get(channel, 1.0)
+
     @cached_property
     def values(self) -> np.ndarray:
         """Measured responses, (samples, channels), read-only, because results computed from them are cached."""

@@ -35,7 +35,9 @@ MAX_LOG_STEP = 0.5  # largest step of a logarithm: parameters that the data hard
 ROUGH_INITIAL_DAMPING, INITIAL_DAMPING = 1e-4, 1e-6  # initial damping of a rough fit, and of one that continues from it
 MIN_DAMPING = 1e-12  # least damping
 MAX_DAMPING_REDUCTIONS = 4  # most reductions of the damping in a row without a gain
-NEAR_NOISE = 10.0  # mean square of whitened residuals up to which a model follows its records well
+# Mean square of whitened residuals up to which valleys are followed: a trial fit of an effect that explains all ends at
+# one; from 1e5, where a law was missing, a base fit went along one to where no law was found any more.
+NEAR_NOISE = 10.0
 MAX_RETURN_STEPS = 2  # most steps back to the bottom of a valley
 
 

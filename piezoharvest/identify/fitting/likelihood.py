@@ -183,7 +183,7 @@ class Whitener:
         for begin, found, slopes in evaluated(model, self._data, nuisance):
             end = begin + len(found)
             residual = found - self.passed(begin, end)
-            if not (np.abs(residual).max() < LARGEST and np.abs(slopes).max(initial=0.0) < LARGEST):
+            if not (_is_moderate(residual) and _is_moderate(slopes)):
                 raise PredictionError("the model diverges: its predictions leave the range of numbers")
             predicted = self._data.part(begin, end) - residual
             residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
@@ -245,6 +245,11 @@ class Whitener:
             each = rounded.second * by_code(turns, slopes)
             found += waves.T @ waves + each @ each.T
         return found
+
+
+def _is_moderate(values: np.ndarray) -> bool:
+    """True if squares of values are numbers; without a copy of the derivatives of a long record."""
+    return bool(values.min(initial=0.0) > -LARGEST and values.max(initial=0.0) < LARGEST)
 
 
 def _slopes(k: int, whitened: np.ndarray, white: np.ndarray, count: int) -> np.ndarray:

@@ -127,11 +127,11 @@ def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[s
     for data, nuisance, white in zip(problem.data, found.nuisance, found.white, strict=True):
         if isinstance(data, FrequencyData) or isinstance(white, ResponseWeights):
             continue
-        levels = np.array([data.levels.get(channel, 1.0) for channel in data.channels])
+        levels = np.array([data.level(channel) for channel in data.channels])
         for prediction, begin, residual in unexplained_blocks(found.model, data, nuisance):
             gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
             left = spectra_of(white.weighted(begin, residual)) / (np.sqrt(2.0) * levels)
-            yield data.channels, data.drive, left, gain * data.levels.get(data.drive, 1.0) / levels
+            yield data.channels, data.drive, left, gain * data.level(data.drive) / levels
 
 
 def linearised(

@@ -28,8 +28,6 @@ EXACT_RELATIVE_NOISE = 1e-5
 # behind a circuit, relative to the largest ones that the nominal model reaches from rest. An edge of a gate is anywhere
 # within its sample, from -1 to 1, with the standard deviation of that.
 NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0, "edge": 3.0**-0.5}
-
-
 # The same of initial states that first samples show, about what these show: the nominal coupling and capacitance, from
 # which the charge is taken, may be some per cent off.
 STARTS_SHOWN = 0.1
@@ -84,7 +82,7 @@ class Problem:
                 found[data.name] = [1.0]  # times the noise of its lines
                 continue
             for channel in (*data.channels, data.drive):
-                guess = initial_noise(data.record[channel]) / data.levels.get(channel, 1.0)
+                guess = initial_noise(data.record[channel]) / data.level(channel)
                 found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, _least_noise(data, channel))))
         return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
 
@@ -114,7 +112,7 @@ class Problem:
             for channel in (*data.channels, data.drive):
                 least = _least_noise(data, channel)
                 floor, _ = _floor(data, channel) or (0.0, 0)  # larger than the upper half band if that is attenuated
-                bound = max(noise_upper_bound(data.record[channel]) / data.levels.get(channel, 1.0), floor)
+                bound = max(noise_upper_bound(data.record[channel]) / data.level(channel), floor)
                 lowest, highest = found.get(channel, (self._floors.get(channel, 0.0), 0.0))
                 lowest = max(lowest, least) if _is_exact(data, channel) else lowest
                 found[channel] = lowest, max(highest, least, bound)
@@ -226,7 +224,7 @@ def _is_exact(data: Data, channel: str) -> bool:
 def _floor(data: Data, channel: str) -> tuple[float, int] | None:
     """Noise floor of a record, as it would be at the level of the campaign, and the number of its lines."""
     floor = noise_floor(data.record, channel)
-    return None if floor is None else (floor[0] / data.levels.get(channel, 1.0), floor[1])
+    return None if floor is None else (floor[0] / data.level(channel), floor[1])
 
 
 def _switches(data: Data | FrequencyData) -> bool:

@@ -14,7 +14,8 @@ import numpy as np
 from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, LoopFit
 from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, LoopShape, convex_fit
 from piezoharvest.identify.hysteresis.threshold_placement import place_thresholds, refine_shape
-from piezoharvest.identify.noise.coloured_noise import covariance, noise_floor
+from piezoharvest.identify.noise.coloured_noise import covariance
+from piezoharvest.identify.noise.differences import median_variance
 from piezoharvest.threads import single_threaded
 
 __all__ = ["Loop", "LoopError", "LoopFit", "identify_loop"]
@@ -72,7 +73,8 @@ def _fit(data: LoopData, shape: LoopShape, unseen: np.ndarray, placed: bool) -> 
         thresholds=shape.thresholds, weights=linear[2:],
         offset_std=float(std[0]), slope_std=float(std[1]), weights_std=std[2 : 2 + n],
         thresholds_std=std[2 + n : 2 + 2 * n] if placed else np.zeros(n), states=shape.states(data),
-        rms=float(np.sqrt(np.mean(residual**2))), noise=noise_floor(data.output), excited=data.excited, unseen=unseen,
+        rms=float(np.sqrt(np.mean(residual**2))), noise=median_variance(data.output, 6) ** 0.5, excited=data.excited,
+        unseen=unseen,
     )  # fmt: skip
 
 

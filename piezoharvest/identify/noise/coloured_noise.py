@@ -1,21 +1,8 @@
-"""Coloured noise in a least-squares fit: covariance, effective number of samples, and a noise floor."""
+"""Coloured noise in a least-squares fit: covariance, and effective number of samples."""
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
-
-
-def noise_floor(signal: np.ndarray, order: int = 6) -> float:
-    """Standard deviation of the white noise on a smooth signal, from its differences of high order.
-
-    The differences of a band-limited signal shrink with the order, those of white noise grow by a known factor. The
-    median makes the estimate robust against corners. Noise that is not white is underestimated.
-    """
-    differences = np.diff(np.asarray(signal, float), order)
-    gain = np.sqrt(comb(2 * order, order))
-    return float(np.median(np.abs(differences)) / 0.6744897501960817 / gain)
 
 
 def autocovariance(residual: np.ndarray) -> np.ndarray:

@@ -17,6 +17,16 @@ OF_VARIANCE, OF_RATIO = 2.5, 0.75
 OF_MEDIAN, OF_MEDIAN_RATIO, MEDIAN = 3.4, 1.9, 0.4549364
 
 
+def median_variance(values: np.ndarray, order: int, kept: np.ndarray | slice = slice(None)) -> float:
+    """Variance of the white noise on a smooth signal, from the median square of its (kept) differences.
+
+    The differences of a band-limited signal shrink with the order, those of white noise grow by a known factor. The
+    median makes the estimate robust against corners. Noise that is not white is underestimated.
+    """
+    squares = np.diff(np.asarray(values, float), order)[kept] ** 2
+    return float(np.median(squares)) / MEDIAN / comb(2 * order, order) if len(squares) else 0.0
+
+
 def white_squares(values: np.ndarray) -> np.ndarray | None:
     """Squares about each sample, (samples,), with the variance of its noise as mean; None with a signal in them."""
     squares = [_squares(values, order) for order in ORDERS]
@@ -29,7 +39,7 @@ def white_squares(values: np.ndarray) -> np.ndarray | None:
 
 def white_variance(values: np.ndarray) -> float | None:
     """Variance of a channel's noise whatever its signal does in few samples; None with a signal in most of them."""
-    medians = np.array([np.median(_squares(values, order)) for order in ORDERS]) / MEDIAN
+    medians = np.array([median_variance(values, order) for order in ORDERS])
     if not medians.min() > 0.0:
         return None
     tolerance = STANDARD_DEVIATIONS * OF_MEDIAN_RATIO / np.sqrt(len(values))

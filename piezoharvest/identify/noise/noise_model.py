@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
+from piezoharvest.identify.noise.differences import median_variance
+
 UPPER_BAND = 0.5  # share of the band from which on noise is estimated: lower frequencies may be model errors
 BANDS = 16  # that separate noise from lines
 LINE_STANDARD_DEVIATIONS = 6.0  # standard deviations above the median from which on a band contains a line
@@ -24,7 +26,6 @@ MIN_NOISE_RATIO = 0.1  # of the noise before: limits the weight that a channel w
 MAX_ITERATIONS, TOLERANCE = 50, 1e-6  # most iterations to the most likely noise, and relative change at the end
 MIN_EIGENVALUE_RATIO = 1e-12  # relative eigenvalue of an information matrix that counts as zero
 LEAST_INFORMATION = 1.0  # about the square of a noise, in units of that square: below, residuals do not determine it
-FOURTH_DIFFERENCE_GAIN = 70.0  # gain of fourth differences in the variance of white noise
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,7 @@ class Noise:
 
 def initial_noise(values: np.ndarray, kept: np.ndarray | slice = slice(None)) -> float:
     """Noise of a channel from its (kept) fourth differences, which are almost zero for a smooth signal."""
-    fourth = np.diff(values, 4)[kept]
-    return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH_DIFFERENCE_GAIN)) if len(fourth) else 0.0
+    return float(np.sqrt(median_variance(values, 4, kept)))
 
 
 def noise_upper_bound(values: np.ndarray) -> float:
