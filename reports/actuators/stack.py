@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from piezoharvest.identify.hysteresis.loop_model import convex_fit
 from piezoharvest.identify.hysteresis.loops import LoopFit, identify_loop
 from piezoharvest.identify.hysteresis.play_operators import plays
-from piezoharvest.identify.noise.coloured_noise import noise_floor
+from piezoharvest.identify.noise.differences import median_variance
 from reports.actuators.data import STACK_RATE, Loops, minor_loops, sine
 
 CYCLE = 200  # samples of the 1 Hz sine
@@ -88,7 +88,7 @@ def repeat_noise() -> float:
 
 def white_noise() -> float:
     """White part of the noise, from the differences of the displacement while the voltage stands still, um."""
-    return noise_floor(minor_loops().displacement[4200:5000])
+    return median_variance(minor_loops().displacement[4200:5000], 6) ** 0.5
 
 
 def drift() -> tuple[float, float]:
