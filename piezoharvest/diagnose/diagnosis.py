@@ -38,7 +38,7 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify
 from piezoharvest.identify.preparation import prepared
 from piezoharvest.identify.residual_quality import combined_quality, judged
-from piezoharvest.identify.result import Identification
+from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.progress import Step
@@ -98,12 +98,12 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
         return found
     progress("no known effect explains the residuals: looking for a law without a name")
     if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
-        moving = _explained(_begun_anew(found, campaign.transducer), progress)
+        moving = _explained_anew(found, campaign.transducer, progress)
         if moving is not None:
             return moving
     explained_so = _explained(found, progress)
     if explained_so is None and found.before.held:  # what free offsets have shown of the parameters may be wrong
-        explained_so = _explained(_begun_anew(found, found.campaign.transducer), progress)
+        explained_so = _explained_anew(found, found.campaign.transducer, progress)
     return explained_so or found
 
 
@@ -137,11 +137,24 @@ def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> D
     )  # fmt: skip
 
 
-def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:
-    """The diagnosis before anything was found, with all parameters of a transducer fitted."""
+def _explained_anew(found: Diagnosis, transducer: Transducer, progress: Callable[[str], None]) -> Diagnosis | None:
+    """The diagnosis with laws, sought before anything was found, with all parameters of a transducer fitted.
+
+    That model may be worse than the one that was judged: what the laws explain has to be gone from that one, too.
+    """
     before = identify(replace(found.campaign, transducer=transducer), offsets=found.before.offsets)
     alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
-    return replace(found, campaign=before.campaign, before=before, search=alone)
+    more = _explained(replace(found, campaign=before.campaign, before=before, search=alone), progress)
+    if more is None or _explains(found.validation_before, more.validation_after):
+        return more
+    progress("the model that was judged first does as well without it")
+    return None
+
+
+def _explains(before: Quality, after: Quality) -> bool:
+    """True if enough of what residuals had above the noise, as the better model shows it, is gone."""
+    had, has = (sum((each.rms[c] / noise) ** 2 - 1.0 for c, noise in after.noise.items()) for each in (before, after))
+    return has <= (1.0 - thresholds.MIN_LAW_GAIN) * had
 
 
 def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:

@@ -1,0 +1,32 @@
+"""A law that was sought from another model has to explain what the model that was judged first had left."""
+
+import pytest
+
+from piezoharvest.diagnose.diagnosis import _explains
+from piezoharvest.identify.result import Quality
+
+NOISE = {"displacement": 1e-7, "voltage": 1e-3}
+
+
+def quality(displacement, voltage, noise=NOISE):
+    """Residuals in units of the noise."""
+    return Quality({"displacement": 1e-7 * displacement, "voltage": 1e-3 * voltage}, noise)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "enough"),
+    [
+        (quality(10.0, 1.0), quality(1.0, 1.0), True),
+        (quality(10.0, 1.0), quality(3.0, 1.0), True),  # 8 of 99
+        (quality(10.0, 1.0), quality(4.0, 1.0), False),  # 15 of 99
+        (
+            quality(7.39, 1.0),
+            quality(7.41, 1.0),
+            False,
+        ),  # as a stack's law, which explained only what another model left
+        # Where something was missing the noise was estimated from it: that of the better model counts.
+        (quality(10.0, 1.0, {"displacement": 1e-6, "voltage": 1e-3}), quality(1.0, 1.0), True),
+    ],
+)
+def test_what_the_first_model_had_left_has_to_be_gone(before, after, enough):
+    assert _explains(before, after) is enough
