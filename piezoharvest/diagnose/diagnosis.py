@@ -98,12 +98,12 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
         return found
     progress("no known effect explains the residuals: looking for a law without a name")
     if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
-        moving = _explained_anew(found, campaign.transducer, progress)
+        moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
             return moving
     explained_so = _explained(found, progress)
     if explained_so is None and found.before.held:  # what free offsets have shown of the parameters may be wrong
-        explained_so = _explained_anew(found, found.campaign.transducer, progress)
+        explained_so = _explained(_begun_anew(found, found.campaign.transducer), progress)
     return explained_so or found
 
 
@@ -137,23 +137,26 @@ def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> D
     )  # fmt: skip
 
 
-def _explained_anew(found: Diagnosis, transducer: Transducer, progress: Callable[[str], None]) -> Diagnosis | None:
-    """The diagnosis with laws, sought before anything was found, with all parameters of a transducer fitted.
+def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:
+    """The diagnosis before anything was found, with all parameters of a transducer fitted.
 
-    That model may be worse than the one that was judged: what the laws explain has to be gone from that one, too.
+    That model may be worse than the one that was judged: what laws explain has to be gone from that one, too.
     """
     before = identify(replace(found.campaign, transducer=transducer), offsets=found.before.offsets)
     alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
-    more = _explained(replace(found, campaign=before.campaign, before=before, search=alone), progress)
-    if more is None or _explains(found.validation_before, more.validation_after):
-        return more
-    progress("the model that was judged first does as well without it")
-    return None
+    return replace(found, campaign=before.campaign, before=before, search=alone)
 
 
 def _explains(before: Quality, after: Quality) -> bool:
-    """True if enough of what residuals had above the noise, as the better model shows it, is gone."""
-    had, has = (sum((each.rms[c] / noise) ** 2 - 1.0 for c, noise in after.noise.items()) for each in (before, after))
+    """True if enough of what residuals had above the noise, as the better model shows it, is gone.
+
+    The gain of a law weighs frequencies by their noise and begins at the model that it was sought from: a law may lower
+    that much and leave the error that a user sees as it was.
+    """
+    had, has = (
+        sum(replace(each, noise=after.noise).ratio(channel) ** 2 - 1.0 for channel in after.noise)
+        for each in (before, after)
+    )
     return has <= (1.0 - thresholds.MIN_LAW_GAIN) * had
 
 
@@ -162,6 +165,9 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     trials = CandidateFits(found.problem, found.before.found, [], progress)
     more = explained(found.campaign, found.before, trials, found.search)
     if more is None:
+        return None
+    if not _explains(found.validation_before, more.validation):
+        progress("the errors of the records that were not fitted are hardly smaller with it")
         return None
     final = more.search.final
     estimates = tuple(estimates_with_effects(found.before, final))

@@ -1,4 +1,4 @@
-"""A law that was sought from another model has to explain what the model that was judged first had left."""
+"""A law has to explain the error that a user sees, and what the model that was judged first had left."""
 
 import pytest
 
@@ -19,11 +19,7 @@ def quality(displacement, voltage, noise=NOISE):
         (quality(10.0, 1.0), quality(1.0, 1.0), True),
         (quality(10.0, 1.0), quality(3.0, 1.0), True),  # 8 of 99
         (quality(10.0, 1.0), quality(4.0, 1.0), False),  # 15 of 99
-        (
-            quality(7.39, 1.0),
-            quality(7.41, 1.0),
-            False,
-        ),  # as a stack's law, which explained only what another model left
+        (quality(7.39, 1.0), quality(7.41, 1.0), False),  # as a stack's law: 91 % of what whitened residuals had
         # Where something was missing the noise was estimated from it: that of the better model counts.
         (quality(10.0, 1.0, {"displacement": 1e-6, "voltage": 1e-3}), quality(1.0, 1.0), True),
     ],

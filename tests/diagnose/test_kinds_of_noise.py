@@ -71,9 +71,18 @@ def test_a_healthy_campaign_is_adequate_whatever_the_noise_of_its_records(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stiffening_is_found_beside_any_noise(kind):
+    """Straight outputs of elements within a sample had made it 0.3 % too large: 20 standard errors.
+
+    The resonance jumps in the largest record, where a fit from the linear model ended in the other stable motion:
+    noise of the reading gave a law without a name, friction, or no answer in minutes.
+    """
     found = diagnose(campaign(kind, 6, cubic=3e8))
     assert [each.effect.name for each in found.effects] == ["stiffening"], found.verdict
-    assert found.effects[0].effect.cubic_stiffness == pytest.approx(3e8, rel=5e-3)
+    true = TRUE | {"cubic_stiffness": 3e8}
+    value, std, _ = found.effects[0].values["cubic_stiffness"]
+    pairs = [(each.parameter.name, each.value, each.std) for each in found.estimates]
+    for name, value, std in [*pairs, ("cubic_stiffness", value, std)]:
+        assert abs(value - true[name]) < 4.5 * (std or 0.0) + 2e-5 * value, name
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])

@@ -159,7 +159,8 @@ class Bench:
         blocks = residual_blocks(replace(model, parameters=()), data, nuisance, False)
         values = -np.concatenate([residual for _, _, residual, _ in blocks])
         bends = [curvature_of(values[:, n], self.noise.sigma[c], setting.jumps) for n, c in enumerate(channels)]
-        return replace(data, record=self._record(planned, values), setting=replace(setting, fine=steps_for(bends)))
+        setting = replace(setting, fine=steps_for(bends, len(values)))
+        return replace(data, record=self._record(planned, values), setting=setting)
 
     def _channels(self, planned: Planned) -> tuple[str, ...]:
         """Channels of the campaign that the circuit has: without diodes there is no dc side."""

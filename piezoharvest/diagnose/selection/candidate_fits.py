@@ -40,6 +40,7 @@ from piezoharvest.identify.fitting.output_error import (
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of, starts_as_shown
 from piezoharvest.identify.growing_fit import growing_fit
 from piezoharvest.identify.identifiability import undetermined
+from piezoharvest.identify.start_values.growing_drives import fit_from_small_drives
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -372,7 +373,8 @@ class CandidateFits:
     def restarted(self, now: EffectChange) -> EffectChange:
         """The fit, or where much is left a better one with its effects that starts at the nominal values.
 
-        What was fitted without an effect that dominates the misfit may lie in another minimum.
+        What was fitted without an effect that dominates the misfit may lie in another minimum. So it starts with the
+        records whose drive is small, where there are such.
         """
         if mean_square(now.found) < 1.0 + thresholds.MUCH_LEFT:
             return now
@@ -380,7 +382,10 @@ class CandidateFits:
         for parameter in model.parameters:
             if parameter.path[0] != "effects":
                 transducer = put(transducer, parameter.path, value_at(self.problem.nominal, parameter.path))
-        again = self._fit(replace(model, transducer=transducer), now.found.nuisance, now.found, aim=now.fair_cost)
+        start, nuisance = replace(model, transducer=transducer), now.found.nuisance
+        with suppress(PredictionError, np.linalg.LinAlgError):
+            start, nuisance = fit_from_small_drives(self.problem, start, now.found.noise) or (start, nuisance)
+        again = self._fit(start, nuisance, now.found, aim=now.fair_cost)
         if again is None or again.cost > now.cost - thresholds.MIN_IMPROVEMENT:
             return now
         self.progress("a fit from the nominal values comes closer")
