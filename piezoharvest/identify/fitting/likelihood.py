@@ -114,7 +114,10 @@ class Whitener:
         data = self._data
         self._settle()
         gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
-        white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
+        covariance = self._noise.covariance(data.channels, data.drive, gain)
+        if self._events is not None:
+            covariance = covariance + self._events.covariance(count)
+        white = np.linalg.inv(np.linalg.cholesky(covariance))
         return white, np.ascontiguousarray(white.transpose(1, 2, 0))
 
     def passed(self, begin: int, end: int) -> np.ndarray:

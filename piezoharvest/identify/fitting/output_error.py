@@ -187,8 +187,8 @@ def standard_errors(found: Fit) -> np.ndarray:
 
 
 def inflation(found: Fit, k: int) -> float:
-    """Ratio of a parameter's variance to that with the assumed noise alone, at least 1; of switching nothing."""
-    return max(1.0, float(covariance(found, switching=False)[k, k] / inverse(found.information + found.prior)[k, k]))
+    """Ratio of a parameter's variance to that with the assumed noise alone, at least 1."""
+    return max(1.0, float(covariance(found)[k, k] / inverse(found.information + found.prior)[k, k]))
 
 
 def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:

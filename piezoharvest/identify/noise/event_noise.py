@@ -1,8 +1,10 @@
 """Noise that the noise of the drive, or of a recorded gate, adds where a circuit switches: earlier or later.
 
 A voltage inverted within a few samples changes by far more in a shift of a thousandth of a sample than its sensor's
-noise. Such samples count for as much as they are known. Their errors depend on each other, over the whole record where
-the drive is a sine whose amplitude and phase are known to a part: standard errors have to know.
+noise. Such samples count for as much as they are known. Their errors depend on each other: behind a rectifier, the
+noise of the drive about a resonance is a slow error of the dc voltage. Their spectra are a part of the noise that
+residuals are whitened for. Over the whole record they depend on each other where the drive is a sine whose amplitude
+and phase are known to a part: standard errors have to know.
 """
 
 from __future__ import annotations
@@ -12,9 +14,11 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from piezoharvest.identify.noise.noise_gain import small_response
 from piezoharvest.identify.noise.noisy_drives import noisy_drives
+from piezoharvest.identify.noise.spectra import line_spectra
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction, loose_edges
 from piezoharvest.predict.circuit.setting import redriven
 from piezoharvest.predict.discrete_model import Setting
@@ -28,6 +32,8 @@ FOR_WEIGHTS, FOR_ERRORS = 4, 32
 # realisations with so many times the noise find samples within some standard deviations of a jump.
 WIDE, WIDENED = 16, 4.0
 MAX_VALUES = 1 << 26
+# Lines of a spectrum that are averaged: with the realisations for weights, 17 % of each of its values are chance.
+AVERAGED_LINES = 9
 
 
 class EventNoise:
@@ -67,15 +73,33 @@ class EventNoise:
         self.known = noise == 0.0 and not _is_loose(prediction.setting)
 
     @cached_property
+    def _first_errors(self) -> np.ndarray:
+        """Realisations (n, samples, channels) of the errors that weights and spectra follow from."""
+        return self._errors(FOR_WEIGHTS)
+
+    @cached_property
     def weights(self) -> np.ndarray:
         """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there."""
         if self.known:
             return np.ones((len(self._drive), len(self._channels)))
-        variance = np.mean(self._errors(FOR_WEIGHTS) ** 2, axis=0)
+        variance = np.mean(self._first_errors**2, axis=0)
         if self._noise > 0.0:
             wide = np.mean(self._errors(WIDE, WIDENED) ** 2, axis=0) / WIDENED**2
             variance = np.maximum(variance, wide)
         return self._own / np.sqrt(self._own**2 + variance)
+
+    def spectra(self, count: int) -> np.ndarray:
+        """Cross-spectra (f, channels, channels) of the weighted errors of `count` samples, in units of white noise."""
+        if self.known:
+            return np.zeros((count // 2 + 1, len(self._channels), len(self._channels)))
+        lines = np.fft.rfft((self._first_errors * self.weights)[:, :count], axis=1) / np.sqrt(count)
+        found = np.einsum("nfa,nfb->fab", lines, np.conj(lines)) / len(lines)
+        return uniform_filter1d(found, AVERAGED_LINES, axis=0, mode="nearest")
+
+    def covariance(self, count: int) -> np.ndarray:
+        """What `count` samples add to the covariance of the channels' own noise, (f, channels, channels)."""
+        lowered = np.mean(1.0 - self.weights**2, axis=0) * self._own**2  # of their noise, by the weights
+        return self.spectra(count) - np.diag(lowered)
 
     @cached_property
     def _base(self) -> np.ndarray:
@@ -105,16 +129,15 @@ class EventNoise:
         realisations : (p, n) array
             Over the square root of `n`, so that their products sum to the covariance.
         counted : (p, p) array
-            Covariance if the errors of the samples were independent, as the information has them.
+            Covariance if the errors had no more in common than their spectra, as the information has them.
         """
         part, p = slice(begin, begin + slopes.shape[1]), slopes.shape[2]
         if self.known:
             return np.zeros((p, 0)), np.zeros((p, p))
         errors = self._weighted_errors[:, part]
         found = np.einsum("nsc,csp->pn", errors, slopes, optimize=True) / np.sqrt(max(len(errors), 1))
-        share = np.sqrt(np.maximum(1.0 - self.weights[part].T ** 2, 0.0)) * self._own[:, None]
-        own = (share[:, :, None] * slopes).reshape(-1, p)
-        return found, own.T @ own
+        lines = line_spectra(slopes.transpose(0, 2, 1))  # (channels, p, f)
+        return found, np.real(np.einsum("apf,fab,bqf->pq", np.conj(lines), self.spectra(slopes.shape[1]), lines))
 
     def _errors(self, count: int, times: float = 1.0) -> np.ndarray:
         """Realisations (n, samples, channels) of the errors by some times the noise of the drive.
