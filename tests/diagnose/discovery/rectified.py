@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ NOISE = {"displacement": 3e-7, "voltage": 0.02}
 UNITS = {"force": "N", "displacement": "m", "voltage": "V"}
 
 
-def rectified(laws: Laws, drive: Drive, specimen=BEAM, bridge=BRIDGE):
+def rectified(laws: Laws, drive: Callable, specimen=BEAM, bridge=BRIDGE, duration=DURATION, rate=RATE):
     """True channels of a record from rest: m x'' + b x' + k x = F + T v, C v' + T x' = -i, two diodes in every path."""
     m, b, k, T, C = (specimen[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
     store, load, drop = bridge["smoothing_capacitance"], bridge["load_resistance"], 2.0 * bridge["diode_drop"]
@@ -39,21 +40,21 @@ def rectified(laws: Laws, drive: Drive, specimen=BEAM, bridge=BRIDGE):
 
     conducts.terminal = blocks.terminal = True
     conducts.direction = blocks.direction = -1.0
-    times = np.arange(round(DURATION * RATE)) / RATE
+    times = np.arange(round(duration * rate)) / rate
     found, t, y, side = [], 0.0, np.zeros(4), 0
     while True:
         left = times[times >= t]
         run = solve_ivp(
             slopes, (t, times[-1]), y, "DOP853", left, args=(side,), events=(conducts, blocks), rtol=1e-10,
-            atol=1e-13, max_step=1.0 / RATE,
+            atol=1e-13, max_step=1.0 / rate,
         )  # fmt: skip
         found.append(run.y)
         if run.status == 0:
             break
         t, y = max((e[-1], tuple(s[-1])) for e, s in zip(run.t_events, run.y_events, strict=True) if len(e))
         side = 0 if side else int(np.sign(y[2]))
-    x, _, v, _ = np.concatenate(found, axis=1)
-    return {"time_s": times, "force": drive(times), "displacement": x, "voltage": v}
+    x, _, v, dc = np.concatenate(found, axis=1)
+    return {"time_s": times, "force": drive(times), "displacement": x, "voltage": v, "dc_voltage": dc}
 
 
 def rectified_campaign(folder, laws: Laws, *, seed=0, off=0.03):
