@@ -104,7 +104,10 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
     explained_so = _explained(found, progress)
     if explained_so is None and found.before.held:  # what free offsets have shown of the parameters may be wrong
         explained_so = _explained_anew(found, found.campaign.transducer, progress)
-    return explained_so or found
+    if explained_so is None or _explains(found.validation_after, explained_so.validation_after):
+        return explained_so or found
+    progress("the law takes the place of the effects that were found, and does not explain what they leave")
+    return found
 
 
 def _beside_other_places(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
