@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -413,6 +414,26 @@ class TestAgainstTheModel:
         finding = only(with_values(of, **{one: of[other], other: of[one]}), device, "swapped", one, "error")
         assert one in finding.message
         assert other in finding.message
+
+    @pytest.mark.parametrize("pair", list(combinations(("force", "displacement", "voltage"), 2)))
+    def test_swapped_of_three_channels(self, pair):
+        """A response whose amplitude is only just allowed beside an exchanged drive does not rule the exchange out."""
+        noise = {"kind": "random_force", "psd": 1e-6, "band": [20.0, 100.0], "duration": 3.0, "seed": 3}
+        of, device = generator(BENCH, resistor(), noise, duration=3.0, rate=2000.0)
+        of, (one, other) = measured(of, noise=1e-3, without=("current",)), pair
+        (finding,) = check(with_values(of, **{one: of[other], other: of[one]}), device)
+        assert finding.check == "swapped"
+        assert one in finding.message
+        assert other in finding.message
+
+    def test_swapped_channels_of_like_numbers(self):
+        """A displacement in m and a current in A may be of the same size: only their phases are wrong."""
+        noise = {"kind": "random_force", "psd": 1e-6, "band": [20.0, 100.0], "duration": 3.0, "seed": 3}
+        of, device = generator(BENCH, resistor(), noise, duration=3.0, rate=2000.0)
+        scale = np.std(of["displacement"]) / np.std(of["current"])
+        assert 1 / 30 < scale < 30
+        only(with_values(of, displacement=of["current"], current=of["displacement"]), device, "swapped",
+             "displacement", "error")  # fmt: skip
 
     def test_swapped_channels_of_an_actuator(self):
         time = np.arange(2000) / 200.0
