@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from piezoharvest.identify.noise.common_errors import CommonErrors
 from piezoharvest.identify.noise.spectra import line_spectra, parts
+from piezoharvest.identify.noise.switching.common_errors import CommonErrors
 
 CHANNELS, SHAPES, SAMPLES = 3, 2, 61
 

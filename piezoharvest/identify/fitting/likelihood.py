@@ -11,11 +11,11 @@ import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
-from piezoharvest.identify.noise.common_errors import CommonErrors
-from piezoharvest.identify.noise.event_noise import EventNoise
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
+from piezoharvest.identify.noise.switching.common_errors import CommonErrors
+from piezoharvest.identify.noise.switching.event_noise import EventNoise
 from piezoharvest.predict.any_prediction import AnyPrediction
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.prediction import PredictionError
