@@ -248,6 +248,23 @@ def test_rough_values_from_any_motion(measured, motion):
         assert found[name] == pytest.approx(value, rel=0.2 if name == "damping" else 0.05)
 
 
+@pytest.mark.parametrize(
+    ("names", "channels"),
+    [
+        (("V(acc)", "V(tip_disp)", "V(out)", "I(Rload)"),
+         ("base_acceleration", "displacement", "voltage", "current")),
+        (("V(n003)", "I(V1)"), ("voltage", "current")),
+        (("V(n001)", "V(piezo)"), ("", "voltage")),
+    ],
+)  # fmt: skip
+def test_nodes_of_a_simulator_are_known_by_their_names(tmp_path, names, channels):
+    time = np.arange(100) / 1000.0
+    rows = np.column_stack([time, *(np.sin(time + n) for n in range(len(names)))])
+    np.savetxt(tmp_path / "run.txt", rows, delimiter="\t", header="\t".join(["time", *names]), comments="")
+    found = {str(column): channel for channel, column in look_into(tmp_path / "run.txt").columns.items()}
+    assert [found.get(name, "") for name in names] == list(channels)
+
+
 @pytest.mark.parametrize("motion", ["displacement", "velocity"])
 def test_rough_damping_of_a_resonance_that_is_narrower_than_a_line(motion):
     """Quality 500, and a record that ends before the resonance has rung down: what it ends with is not lost."""

@@ -114,7 +114,7 @@ def _transducer(found: Sequence[FoundFile]) -> Iterator[str]:
     ordered = sorted(found, key=lambda one: -one.count)
     for each in ordered:
         rough = max(rough, _rough(each), key=len)
-    resonant = (_rough(each, resonant=True) for each in sorted(ordered, key=lambda one: one.kind == "frf"))
+    resonant = (_rough(each, resonant=True) for each in sorted(ordered, key=lambda one: one.kind != "frf"))
     rough |= {name: value for name, value in next(filter(None, resonant), {}).items() if name in _MECHANICAL}
     for name, unit in _UNITS.items():
         if name in rough:

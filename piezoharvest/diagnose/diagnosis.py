@@ -166,8 +166,10 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     more = explained(found.campaign, found.before, trials, found.search)
     if more is None:
         return None
-    if not _explains(found.validation_before, more.validation):
-        progress("the errors of the records that were not fitted are hardly smaller with it")
+    # A law that takes the place of effects that were found also has to explain what these have left.
+    left = [found.validation_before, *([found.validation_after] if found.verdict == "unexplained" else [])]
+    if not all(_explains(each, more.validation) for each in left):
+        progress("the errors of the records that were not fitted are hardly smaller than without it")
         return None
     final = more.search.final
     estimates = tuple(estimates_with_effects(found.before, final))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,6 +13,10 @@ from piezoharvest.diagnose.selection.score_tests import ScoredEffect, cosine
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 
+HIGHER_MODES = (
+    "A part of what is left follows the drive at once, as the response of modes above the measured band does: a table "
+    "[[transducer.modes]] adds a mode."
+)
 NOT_HERE = "no record has such a circuit"
 Value = tuple[float | str, float | None, str]
 
@@ -157,12 +161,29 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "ambiguous":
         others = " or ".join(" and ".join(map(_other, some)) for some in diagnosis.alternatives)
         return f"The model lacks {names}, or else {others}: these records cannot distinguish them."
-    verb = "was" if len(diagnosis.effects) == 1 else "were"
-    found = f" {names[0].upper()}{names[1:]} {verb} found in addition." if names else ""
+    return " ".join(["Something is missing that no known effect explains.", *_found_on_the_way(diagnosis, names)])
+
+
+def _found_on_the_way(diagnosis: Diagnosis, names: str) -> Iterator[str]:
+    """Sentences on effects that explain a part or compensate for something, and on what the rest is like."""
+    gain, several = sum(named.gain for named in diagnosis.effects), len(diagnosis.effects) > 1
+    start = f"{names[:1].upper()}{names[1:]}"
+    if names and gain > 0.0:
+        removed = f"{'remove' if several else 'removes'} {_share(gain)} of {judged_error(diagnosis)} above the noise"
+        yield f"{start} {removed}, but not the rest."
+    elif names:
+        yield f"{start} {'were' if several else 'was'} found in addition."
     harm = " and ".join(_described(named) for named in diagnosis.effects if named.spoils)
-    spoiled = f" With {harm}, records that were not fitted are predicted worse: it compensates for something else."
-    spoiled = spoiled if harm else ""
-    return f"Something is missing that no known effect explains.{found}{spoiled}"
+    if harm:
+        yield f"With {harm}, records that were not fitted are predicted worse: it compensates for something else."
+    if any(hint.of_higher_modes for hint in diagnosis.hints):
+        yield HIGHER_MODES
+
+
+def _share(gain: float) -> str:
+    """A share in whole per cent; with as many digits as distinguish it from all."""
+    digits = next((digits for digits in range(5) if round(100.0 * gain, digits) < 100.0), 0)
+    return f"{100.0 * gain:.{digits}f} %"
 
 
 def judged_error(diagnosis: Diagnosis) -> str:

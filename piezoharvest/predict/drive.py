@@ -10,12 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
 
 from piezoharvest.description.effects.nameless.sizes import RecordSizes
+from piezoharvest.predict.band_limited import is_fast, put_cubics
 
 SINE_ITERATIONS = 5  # of the fit of a sine, which doubles its digits with each
 MIN_JUMP = 0.1  # of the range: a larger change between two samples is a jump if the others are slower
 MIN_JUMP_RATIO = 8.0  # smallest ratio of a jump to the changes beside it
+JUMP_BESIDE = 8  # of these changes on one side; so many of white noise are that small once in 10^5 samples
 MIN_CORNER = 1e-3  # of the range: least change of slope per sample at a corner
 SPLINE_PIECE = 1 << 18  # samples of a spline computed at a time: that of millions needs several times their memory
 SPLINE_OVERLAP = 32  # samples after which a value has no influence on a spline: (2 - sqrt 3)^32 of it remains
@@ -34,10 +37,13 @@ class PolynomialDrive(NamedTuple):
         Of the powers of time as fraction of the step.
     jumps : (jumps,) array of int
         Steps in which it jumps, at an unknown time and rate.
+    fast : bool
+        True if it is interpolated as a function of limited bandwidth (`band_limited`).
     """
 
     coefficients: np.ndarray
     jumps: np.ndarray
+    fast: bool = False
 
 
 def size_of(values: np.ndarray, sample_time: float) -> RecordSizes:
@@ -76,7 +82,7 @@ def drive_of(values: np.ndarray) -> PolynomialDrive:
 
     A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which
     is significant in a record of ten thousand samples. The spline is broken at jumps and corners, where it would
-    oscillate.
+    oscillate. Where the drive is fast beside the samples, and nothing breaks it, its limited bandwidth tells more.
     """
     jumps = jumps_of(values)
     coefficients = np.zeros((len(values) - 1, 4))
@@ -90,7 +96,10 @@ def drive_of(values: np.ndarray) -> PolynomialDrive:
                 first, last = max(a - SPLINE_OVERLAP, begin), min(b + SPLINE_OVERLAP, end)
                 spline = CubicSpline(np.arange(last - first + 1.0), values[first : last + 1])
                 coefficients[a:b] = spline.c[::-1, a - first : b - first].T
-    return PolynomialDrive(coefficients, jumps)
+    fast = not len(jumps) and not len(corners) and is_fast(values)
+    if fast:
+        put_cubics(values, coefficients)
+    return PolynomialDrive(coefficients, jumps, fast)
 
 
 def rise_steps(line: np.ndarray, late: float, rise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -147,12 +156,13 @@ def divided(coefficients: np.ndarray, parts: int) -> np.ndarray:
 
 
 def jumps_of(values: np.ndarray) -> np.ndarray:
-    """Steps over which the drive jumps while it is slow on at least one side."""
+    """Steps over which the drive jumps while it is slow on at least one side, for some samples: noise is not."""
     steps = np.abs(np.diff(values))
     if len(steps) < 4:
         return np.zeros(0, int)
-    padded = np.pad(steps, 2, mode="edge")
-    around = np.minimum(np.maximum(padded[:-4], padded[1:-3]), np.maximum(padded[3:-1], padded[4:]))
+    padded = np.pad(steps, JUMP_BESIDE, mode="edge")
+    beside = maximum_filter1d(padded, JUMP_BESIDE, origin=-(JUMP_BESIDE // 2))  # of each value and those behind it
+    around = np.minimum(beside[: len(steps)], beside[JUMP_BESIDE + 1 : JUMP_BESIDE + 1 + len(steps)])
     return np.flatnonzero((steps > MIN_JUMP * np.ptp(values)) & (steps > MIN_JUMP_RATIO * around))
 
 

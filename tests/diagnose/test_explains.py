@@ -3,6 +3,7 @@
 import pytest
 
 from piezoharvest.diagnose.diagnosis import _explains
+from piezoharvest.diagnose.summary import _share
 from piezoharvest.identify.result import Quality
 
 NOISE = {"displacement": 1e-7, "voltage": 1e-3}
@@ -26,3 +27,8 @@ def quality(displacement, voltage, noise=NOISE):
 )
 def test_what_the_first_model_had_left_has_to_be_gone(before, after, enough):
     assert _explains(before, after) is enough
+
+
+@pytest.mark.parametrize(("gain", "text"), [(1.0, "100 %"), (0.99998, "99.998 %"), (0.97, "97 %"), (0.031, "3 %")])
+def test_a_part_is_not_said_to_be_all(gain, text):
+    assert _share(gain) == text

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading
 
-from piezoharvest.diagnose.residual_structure.residual_regression import SYMBOLS, hints
+from piezoharvest.diagnose.residual_structure.residual_regression import SYMBOLS, Hint, hints
 from piezoharvest.identify.fitting.data import RESPONSES
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem
@@ -45,3 +45,12 @@ def test_white_noise_gives_no_hint(records):
 def test_every_channel_that_is_fitted_has_a_symbol_of_its_own():
     assert set(SYMBOLS) == {*RESPONSES, *DRIVES}
     assert len(set(SYMBOLS.values())) == len(SYMBOLS)
+
+
+@pytest.mark.parametrize(
+    ("channel", "term", "higher"),
+    [("displacement", "F", True), ("velocity", "dF/dt", True), ("velocity", "da/dt", True), ("velocity", "F", False),
+     ("voltage", "F", False), ("displacement", "F³", False)],
+)  # fmt: skip
+def test_what_follows_the_drive_at_once_is_like_modes_above_the_band(channel, term, higher):
+    assert Hint(channel, term, 1.0, 100.0).of_higher_modes is higher

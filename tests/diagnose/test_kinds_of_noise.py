@@ -107,3 +107,10 @@ def test_an_amplifier_that_saturates_is_found_though_its_gain_is_all_but_that_of
     assert [form.factor, form.scale] == pytest.approx([25.0, 25.0], rel=2e-3)
     for estimate in found.estimates:
         assert abs(estimate.value - TRUE[estimate.parameter.name]) < 4.5 * (estimate.std or 0.0)
+
+
+def test_errors_of_a_simulator_are_nothing_that_is_missing():
+    """They are not random: as noise of that size, a line of them would be far above all others."""
+    line = np.sin(2 * np.pi * 900.0 * np.arange(round(RATE * DURATION)) / RATE)
+    found = diagnose(campaign("none", 0, read=lambda voltage: voltage + 6e-6 * np.ptp(voltage) * line))
+    assert found.verdict == "adequate"

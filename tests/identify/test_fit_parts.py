@@ -20,10 +20,10 @@ from piezoharvest.identify.fitting.levenberg_marquardt import (
     _updated_correction,
 )
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.noise.event_noise import EventNoise
 from piezoharvest.identify.noise.noise_gain import _delay_factors, _solved
 from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
 from piezoharvest.identify.noise.spectra import gram, whitened
+from piezoharvest.identify.noise.switching.event_noise import EventNoise
 from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign

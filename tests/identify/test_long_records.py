@@ -25,8 +25,8 @@ def test_a_spline_in_pieces_is_the_spline_of_the_whole(count, seed):
         found = drive.drive_of(values)
     wanted = drive.drive_of(values).coefficients
     assert np.abs(found.coefficients - wanted).max() <= 1e-12 * np.abs(wanted).max()
-    # A random walk may jump, or have a corner, where the spline is broken.
-    if not len(found.jumps) and not len(drive.corners_of(values)) and count >= 4:
+    # A random walk may jump, or have a corner, where the spline is broken, or be fast, which is no spline.
+    if not found.fast and not len(found.jumps) and not len(drive.corners_of(values)) and count >= 4:
         wanted = CubicSpline(np.arange(count, dtype=float), values).c[::-1].T
         assert np.abs(found.coefficients - wanted).max() <= 1e-12 * np.abs(wanted).max()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -414,6 +415,26 @@ class TestAgainstTheModel:
         assert one in finding.message
         assert other in finding.message
 
+    @pytest.mark.parametrize("pair", list(combinations(("force", "displacement", "voltage"), 2)))
+    def test_swapped_of_three_channels(self, pair):
+        """A response whose amplitude is only just allowed beside an exchanged drive does not rule the exchange out."""
+        noise = {"kind": "random_force", "psd": 1e-6, "band": [20.0, 100.0], "duration": 3.0, "seed": 3}
+        of, device = generator(BENCH, resistor(), noise, duration=3.0, rate=2000.0)
+        of, (one, other) = measured(of, noise=1e-3, without=("current",)), pair
+        (finding,) = check(with_values(of, **{one: of[other], other: of[one]}), device)
+        assert finding.check == "swapped"
+        assert one in finding.message
+        assert other in finding.message
+
+    def test_swapped_channels_of_like_numbers(self):
+        """A displacement in m and a current in A may be of the same size: only their phases are wrong."""
+        noise = {"kind": "random_force", "psd": 1e-6, "band": [20.0, 100.0], "duration": 3.0, "seed": 3}
+        of, device = generator(BENCH, resistor(), noise, duration=3.0, rate=2000.0)
+        scale = np.std(of["displacement"]) / np.std(of["current"])
+        assert 1 / 30 < scale < 30
+        only(with_values(of, displacement=of["current"], current=of["displacement"]), device, "swapped",
+             "displacement", "error")  # fmt: skip
+
     def test_swapped_channels_of_an_actuator(self):
         time = np.arange(2000) / 200.0
         of, device = actuator(STACK, 50 + 50 * np.sin(2 * np.pi * time), 200.0)
@@ -466,11 +487,19 @@ class TestDynamics:
         slowest = 13e6 * (device.capacitance + device.coupling**2 / device.stiffness)  # clamped C with T^2/k beside it
         assert f"{slowest:.4g} s" in finding.message
 
-    @pytest.mark.parametrize("rate", [110.0, 150.0, 250.0])
-    def test_sampled_too_slowly(self, rate):
+    @pytest.mark.parametrize(("rate", "warned"), [(105.0, True), (110.0, True), (130.0, False), (250.0, False)])
+    def test_sampled_too_slowly(self, rate, warned):
+        """Up to 0.4 of the sample rate, a drive of limited bandwidth is known between its samples."""
         of, device = generator(BENCH, resistor(), sine(45.0, 0.02, 0.0), duration=4.0, rate=rate)
-        finding = only(of, device, "sample rate", "force", "warning")
-        assert f"{rate:.6g} Hz" in finding.message
+        if warned:
+            assert f"{rate:.6g} Hz" in only(of, device, "sample rate", "force", "warning").message
+        else:
+            assert check(of, device) == ()
+
+    def test_sampled_too_slowly_behind_diodes(self):
+        bridge = {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6}
+        of, device = generator(BENCH, bridge, sine(45.0, 0.02, 0.0), duration=4.0, rate=250.0)
+        assert "straight lines" in only(of, device, "sample rate", "force", "warning").message
 
     def test_sampled_below_the_resonance_that_the_drive_reaches(self):
         """At 55 Hz a sine of 50.6 Hz looks like one of 4.4 Hz."""

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
-from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
+from piezoharvest.identify.fitting.likelihood import Whitener
 from piezoharvest.identify.fitting.model import Model, residual_blocks
 from piezoharvest.identify.noise.noisy_drives import noisy_drives
 from piezoharvest.identify.noise.spectra import first_lines
@@ -46,8 +46,7 @@ def drive_noise_variance(
             for _, begin, residual, _ in residual_blocks(model, again, nuisance, False):
                 count = len(residual)
                 off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
-                off = white.weighted(begin, off)
-                squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
+                squares = 0.5 * np.abs(white.whitened(begin, white.weighted(begin, off)).T) ** 2
                 for band, (low, high) in enumerate(pairwise(first_lines(edges, count))):
                     found[band] += squares[low:high].sum(axis=0)
                     counts[band] += high - low

@@ -54,6 +54,13 @@ class Hint:
     size: float
     gain: float
 
+    @property
+    def of_higher_modes(self) -> bool:
+        """True of what modes far above the drive's band add to a motion: it is proportional to the drive."""
+        drives = [SYMBOLS[name] for name in ("force", "base_acceleration")]
+        like = {"displacement": drives, "velocity": [f"d{drive}/dt" for drive in drives]}
+        return self.term in like.get(self.channel, ())
+
 
 def square_terms(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
     """Decrease of -2 ln L by the square of each signal in each channel: (channel, term, decrease).
@@ -138,11 +145,12 @@ def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: T
         residual, slopes, added = (white.weighted(begin, values) for values in (residual, slopes, added))
         # Whitened: for a term added to a channel, that column of the whitening matrix.
         placed = (W[:, :, :, None] * spectra_of(added)[:, None, :, :]).reshape(len(W), W.shape[1], -1)
-        whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
+        placed = white.reduced(begin, len(residual), placed.transpose(1, 2, 0)).transpose(2, 0, 1)
+        whitened = np.concatenate([white.whitened(begin, slopes).transpose(2, 0, 1), placed], axis=2)
         known = scatter, counted, switching
         scatter, counted, switching = map(add, known, white.spread(begin, predicted, whitened, W))
         columns = whitened.reshape(-1, whitened.shape[2])
-        target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
+        target = white.whitened(begin, residual).T.reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
         names = [(channel, name) for channel in data.channels for name, _ in evaluated]

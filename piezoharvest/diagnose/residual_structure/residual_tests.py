@@ -20,6 +20,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Whitener
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseWeights
 from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import follows_exactly
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import initial_noise, rounding
 from piezoharvest.identify.noise.spectra import first_lines, in_time
@@ -373,6 +374,8 @@ def whitened_squares(problem: Problem, found: Fit) -> tuple[float, float]:
 def failed_tests(problem: Problem, found: Fit, *, drive_noise: bool = True) -> tuple[ResidualTest, ...]:
     """Tests that noise does not explain, by increasing p-value; the level is corrected for their number.
 
+    None where a model follows records without noise as closely as it can be computed.
+
     Parameters
     ----------
     problem : Problem
@@ -380,6 +383,8 @@ def failed_tests(problem: Problem, found: Fit, *, drive_noise: bool = True) -> t
     drive_noise : bool
         Also count the noise of drives as passed on by hysteresis operators, computed only where tests fail without it.
     """
+    if follows_exactly(problem, found):
+        return ()
     plain = _failed(run_tests(problem, found, drive_noise=False))
     return _failed(run_tests(problem, found)) if plain and drive_noise else plain
 

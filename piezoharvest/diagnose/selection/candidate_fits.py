@@ -33,6 +33,7 @@ from piezoharvest.identify.fitting.model import Model, begun_effects, inner_valu
 from piezoharvest.identify.fitting.output_error import (
     excess_of,
     fit,
+    follows_exactly,
     inverse,
     linearised,
     mean_square,
@@ -167,8 +168,8 @@ class CandidateFits:
         return self.failed_tests(self._refitted[id(found)][1])
 
     def follows_exactly(self, now: EffectChange) -> bool:
-        """True if a model follows records without noise as closely as it can be computed: no gain says anything."""
-        return self.problem.is_exact and mean_square(now.found) < 1.0
+        """True if a model follows records without noise as closely as it can be computed."""
+        return follows_exactly(self.problem, now.found)
 
     def extended(
         self,

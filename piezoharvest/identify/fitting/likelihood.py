@@ -11,10 +11,11 @@ import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
-from piezoharvest.identify.noise.event_noise import EventNoise
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
+from piezoharvest.identify.noise.switching.common_errors import CommonErrors
+from piezoharvest.identify.noise.switching.event_noise import EventNoise
 from piezoharvest.predict.any_prediction import AnyPrediction
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.prediction import PredictionError
@@ -91,6 +92,7 @@ class Whitener:
         self._prediction, self._noise, self._data = prediction, noise.at(data.levels), data
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._passed: dict[tuple[int, int], np.ndarray] = {}
+        self._common: dict[tuple[int, int], CommonErrors | None] = {}
 
     @cached_property
     def _steps(self) -> list[Rounding]:
@@ -190,17 +192,37 @@ class Whitener:
                 raise PredictionError("the model diverges: its predictions leave the range of numbers")
             predicted = self._data.part(begin, end) - residual
             residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
-            white, rows = self._of(len(residual))
+            white = self.of(len(residual))
             more = (lambda D, n=begin, x=predicted, W=white: self.spread(n, x, D, W)) if scatter else None
-            parts.append(_whitened(residual, slopes, rows, more))
+            R, D = self.whitened(begin, residual), self.whitened(begin, slopes)
+            parts.append(_by_bands(R, D, len(residual), more))
         return reduce(add, parts)
+
+    def whitened(self, begin: int, values: np.ndarray) -> np.ndarray:
+        """Whitened spectra (channels, ..., f) of weighted residuals, or their derivatives, (samples, channels, ...)."""
+        spectra = whitened(self._of(len(values))[1], line_spectra(np.moveaxis(values, 0, -1)))
+        return self.reduced(begin, len(values), spectra)
+
+    def reduced(self, begin: int, count: int, spectra: np.ndarray) -> np.ndarray:
+        """Whitened spectra (channels, ..., f) of some samples, with errors that the record has in common reduced."""
+        if (begin, count) not in self._common:
+            self._common = {(begin, count): self._common_in(begin, count)}
+        common = self._common[begin, count]
+        return spectra if common is None else common.reduced(spectra)
+
+    def _common_in(self, begin: int, count: int) -> CommonErrors | None:
+        """Errors that some samples have in common; None where there are none."""
+        common = None if self._events is None else self._events.common[:, begin : begin + count]
+        if common is None or len(common) == 0:
+            return None
+        values = self.weighted(begin, common.transpose(1, 2, 0))
+        return CommonErrors.of(whitened(self._of(count)[1], line_spectra(np.moveaxis(values, 0, -1))))
 
     def left(self, model: Model, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (begin, residuals, their whitened spectra (f, channels)) of a record for a model."""
         for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, nuisance, False):
             residual -= self.passed(begin, begin + len(residual))
-            spectra = spectra_of(self.weighted(begin, residual))
-            yield begin, residual, (self.of(len(residual)) @ spectra[:, :, None])[:, :, 0]
+            yield begin, residual, self.whitened(begin, self.weighted(begin, residual)).T
 
     def spread(
         self, begin: int, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray
@@ -218,6 +240,8 @@ class Whitener:
         white : (f, channels, channels) array
             Matrices that whitened them.
         """
+        # A gradient is the product of whitened derivatives and whitened residuals: errors reach it through both.
+        whitened = self.reduced(begin, len(predicted), whitened.transpose(1, 2, 0)).transpose(2, 0, 1)
         scatter = self.rounding_scatter(predicted, whitened, white)
         if self._events is None or self._events.known:
             return scatter, np.zeros_like(scatter), np.zeros((len(scatter), 0))
@@ -274,11 +298,9 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
     return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
 
 
-def _whitened(residual, slopes, W: np.ndarray, spread: Callable | None) -> Sums:
-    """Sums of one block, by bands."""
-    count, channels = residual.shape
-    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
-    edges = first_lines(BAND_EDGES, count)
+def _by_bands(R: np.ndarray, D: np.ndarray, count: int, spread: Callable | None) -> Sums:
+    """Sums of one block of so many samples, by bands, from whitened spectra of residuals and derivatives."""
+    channels, edges = len(R), first_lines(BAND_EDGES, count)
     P, bands = D.shape[1], len(BAND_EDGES) - 1
     sums = Sums.empty(P)
     if spread is not None:

@@ -93,6 +93,14 @@ def mean_square(found: Fit) -> float:
     return squares / max(count, 1.0)
 
 
+def follows_exactly(problem: Problem, found: Fit) -> bool:
+    """True if a model follows records without noise as closely as it can be computed.
+
+    What is left is the errors of solvers, which are not random: no test and no gain says anything of them.
+    """
+    return problem.is_exact and mean_square(found) < 1.0
+
+
 def excess_of(found: Fit) -> float:
     """Sum of squares of the whitened residuals in excess of noise."""
     return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)

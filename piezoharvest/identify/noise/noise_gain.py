@@ -10,6 +10,7 @@ from scipy import fft
 from scipy.linalg import schur
 
 from piezoharvest.predict.any_prediction import AnyPrediction
+from piezoharvest.predict.band_limited import cubic_of_sine
 from piezoharvest.predict.prediction import Prediction
 
 MIN_FREQUENCY = 1e-6  # of the sample rate: lowest frequency, because open electrodes have no response at zero
@@ -18,7 +19,7 @@ MIN_FREQUENCY = 1e-6  # of the sample rate: lowest frequency, because open elect
 def gain_of(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
     """Response of channels to small noise of the drive, with every element linear at its mean slope in the record.
 
-    It is that of the discrete model: between samples the noise is interpolated by a cubic spline.
+    It is that of the discrete model: between samples the noise is interpolated as the drive is.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def specimen_gain(prediction: AnyPrediction, channels: Sequence[str], frequencie
     prediction = prediction.linear
     m, h = prediction.matrices, prediction.setting.sample_time
     angle = 2 * np.pi * np.maximum(frequencies * h, MIN_FREQUENCY)
-    turn, cubic = np.exp(1j * angle), _spline(angle)
+    turn, cubic = np.exp(1j * angle), (cubic_of_sine if prediction.setting.motion.fast else _spline)(angle)
     drive = [cubic[0], cubic[1] / h]
     outputs = len(m.O) - len(m.channels)
     known = [k for k, channel in enumerate(channels) if channel in m.channels]

@@ -56,7 +56,7 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
         found += against_model(record, spectra, transducer)
     if not _errors(found):
         found += mains_hum(record, spectra, transducer)
-        found += [] if record.periodic else [*too_short(record, transducer), *too_slow(record, lost)]
+        found += [] if record.periodic else [*too_short(record, transducer), *too_slow(record, lost, transducer)]
         found += unused(record)
     return tuple(found)
 

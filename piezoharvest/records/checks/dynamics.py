@@ -17,6 +17,8 @@ from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
 
 _MAX_LOST_SHARE = 0.05  # of a response's amplitude, between samples
+_LIMITED_BANDWIDTH = 0.4  # cycles per sample, up to which the interpolation of records is accurate
+_MAX_SHARE_ABOVE = 1e-3  # of a drive's power
 _MAX_LINES = 100
 _MAX_IMAGES = 64
 
@@ -62,13 +64,35 @@ def lost_between_samples(record: Record, spectra: Spectra, transducer: Transduce
     return float(np.sqrt(error.sum() / smooth.sum()))
 
 
-def too_slow(record: Record, lost: float) -> Iterator[Finding]:
-    """Check for a sample rate at which linear interpolation does not represent the drive."""
-    if lost > _MAX_LOST_SHARE:
-        signal = record.signals[record.drive]
-        found = f"found {record.sample_rate:.6g} Hz, at which straight lines between samples would lose {lost:.0%}"
-        rows = shifted([(0, len(record) - 1)], signal.first_row)
+def too_slow(record: Record, lost: float, transducer: Transducer) -> Iterator[Finding]:
+    """Check for a sample rate at which the samples do not tell the drive between them.
+
+    Behind a linear circuit a fast drive acts as a function of limited bandwidth, to 0.4 of the sample rate; behind
+    diodes and switches it is made of straight lines that act as a smooth curve does.
+    """
+    if lost <= _MAX_LOST_SHARE:
+        return
+    signal, rate = record.signals[record.drive], f"found {record.sample_rate:.6g} Hz"
+    share, highest = _share_above(signal.values, _LIMITED_BANDWIDTH), _LIMITED_BANDWIDTH * record.sample_rate
+    if not isinstance(record.shunt, LinearShunt):
+        found = f"{rate}, at which straight lines between samples would lose {lost:.0%}"
         allowed = f"of the response that the nominal model gives, up to {_MAX_LOST_SHARE:.0%} is allowed"
-        remedy = "the spline that is used loses less, but parameters may be off by as much as it does: sample faster"
+        remedy = "the lines that are used lose less, but parameters may be off by as much as they do: sample faster"
         message = f"{found} {allowed}; {remedy}"
-        yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)
+    elif share > _MAX_SHARE_ABOVE:
+        above = f"and {share:.1%} of the drive's power above {highest:.4g} Hz"
+        message = f"{rate}, {above}, where samples do not tell the motion between them; it must be sampled faster"
+    elif transducer.short_circuit_frequency > highest:
+        resonance = f"where the nominal model resonates at {transducer.short_circuit_frequency:.4g} Hz"
+        remedy = "what the drive has there, if anything, looks like a lower frequency: sample faster"
+        message = f"{rate}, {resonance}, {highest:.4g} Hz is allowed; {remedy}"
+    else:
+        return
+    rows = shifted([(0, len(record) - 1)], signal.first_row)
+    yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)
+
+
+def _share_above(values: np.ndarray, cycles: float) -> float:
+    """Share of a signal's power above a frequency, in cycles per sample."""
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    return float(power[np.fft.rfftfreq(len(values)) > cycles].sum() / max(power.sum(), np.finfo(float).tiny))

@@ -22,14 +22,16 @@ from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
 
 ELECTRIC = ("voltage", "current")  # channels whose sign is that of the leads
+_MUCH_NEARER = 5.0  # ratio of two deviations of an amplitude from the prediction
+_LEAST_AGREEMENT = 0.8  # correlation, in phase, of exchanged channels with their predictions
 _MIN_STEP = 0.2  # of the drive's range from one sample to the next
 
 
 def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
     """Compare every response with the prediction of the nominal model."""
     scores = scores_of(record, {channel: spectra[channel] for channel in record.signals}, spectra, transducer)
-    off = {channel for channel, score in scores.items() if score.too_large or score.too_small}
-    swapped = _swapped(record, spectra, transducer, scores) if off else None
+    wrong = any(score.too_large or score.too_small or score.reversed for score in scores.values())
+    swapped = _swapped(record, spectra, transducer, scores) if wrong else None
     if swapped:
         yield _finding(record, "swapped", swapped[0], _swap_message(*swapped))
         scores = {} if record.drive in swapped else {c: score for c, score in scores.items() if c not in swapped}
@@ -56,22 +58,38 @@ def _over_between_samples(record: Record, transducer: Transducer) -> bool:
 def _swapped(
     record: Record, spectra: Spectra, transducer: Transducer, scores: Mapping[str, Score]
 ) -> tuple[str, str] | None:
-    """Two channels that are wrong, but right if they are exchanged.
+    """Two channels that are wrong, but right if they are exchanged; of several pairs that which fits best.
 
     If the drive is exchanged, no response is right; with a single response, a wrong prefix may be the cause instead.
+    Where no amplitude is wrong, a wrong sign is likelier than an exchange that does not fit in phase.
     """
     channels = {channel: spectra[channel] for channel in record.signals}
-    wrong = {channel for channel, score in scores.items() if not score.fine}
+    off = any(score.too_large or score.too_small for score in scores.values())
+    best: tuple[float, tuple[str, str]] | None = None
     for one, other in combinations(channels, 2):
-        involved = scores.keys() if record.drive in (one, other) else {one, other}
-        if not involved <= wrong or (len(scores) == 1 and _prefix(next(iter(scores.values())).factor)):
+        if len(scores) == 1 and _prefix(next(iter(scores.values())).factor):
             continue
         exchanged = scores_of(record, channels | {one: channels[other], other: channels[one]}, spectra, transducer)
+        involved = scores.keys() if record.drive in (one, other) else {one, other}
         members = [exchanged[channel] for channel in (one, other) if channel in exchanged]
         rest = [score.fine for channel, score in exchanged.items() if scores[channel].judged]
-        if members and all(score.fine for score in members) and all(rest):
-            return one, other
-    return None
+        if not members or not all(score.fine for score in members) or not all(rest):
+            continue
+        if not all(_is_better(scores[channel], exchanged[channel]) for channel in involved if channel in exchanged):
+            continue
+        if not off and min(score.agreement for score in members) < _LEAST_AGREEMENT:
+            continue
+        misfit = sum(abs(np.log(score.factor)) for score in exchanged.values() if score.fine)
+        if best is None or misfit < best[0]:
+            best = misfit, (one, other)
+    return None if best is None else best[1]
+
+
+def _is_better(score: Score, exchanged: Score) -> bool:
+    """True if a response is wrong as it is, or at the edge of what is allowed and not so with channels exchanged."""
+    if not score.fine:
+        return True
+    return abs(np.log(score.factor)) - abs(np.log(exchanged.factor)) > np.log(_MUCH_NEARER)
 
 
 def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Finding]:

@@ -56,6 +56,7 @@ _WORDS: Mapping[str, str] = MappingProxyType({
     "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*|(?:pzt|pvdf|mfc|peh|harvester)(?: .*|\d*)|"
                rf"{_letter('u|v', _ELECTRODES)}",
 })  # fmt: skip
+_SIMULATED = re.compile(r"(?P<quantity>[vi])\((?P<place>[^()]+)\)", re.IGNORECASE)  # V(out), I(Rload)
 _BASE = "base_acceleration"
 _MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
@@ -230,22 +231,45 @@ def _by_name(reader: Reader) -> dict[str, int]:
     for n, full in _resolved(reader).items():
         name, unit = reader.names[n - 1], reader.unit(full)
         default = next((c for c, column in COLUMNS.items() if column == name), reader.channels.get(name.lower()))
-        channel = default or _named_like(name, unit)
+        channel = default or _named_like(name, unit) or _electrical(name)
         if channel is not None and (default is not None or not _counts(reader, full, channel)):
             first = 0 if default is not None else 1 if unit is not None and unit.si == UNITS[channel] else 2
+            first += 2 * (default is None and _named_like(name, unit) is None)
             found.setdefault(channel, []).append((first, n))
     return {channel: min(places)[1] for channel, places in found.items()}
 
 
 def _named_like(name: str, unit: Unit | None) -> str | None:
     """Channel that a name, or the last part of its path, is a word for; a motion by the unit that the file states."""
+    if (signal := _SIMULATED.fullmatch(name)) is not None:
+        return _simulated(signal["quantity"].lower(), signal["place"].lower())
     parts = (name, last_part(name), name.rsplit(".", 1)[-1])
     bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
-    words = (*bare, name.lower(), re.sub(r"^i\((.*)\)$", r"i \1", name.lower()))  # of simulators: I(Rload)
-    channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
+    channel = _channel_of(*bare, name.lower())
     if channel in _MOTIONS and unit is not None:
         return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
     return channel
+
+
+def _channel_of(*words: str) -> str | None:
+    """The first channel that one of these is a word for."""
+    return next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
+
+
+def _simulated(quantity: str, place: str) -> str | None:
+    """Channel of V(node) or I(element) of a circuit simulator, where forces and motions are voltages of nodes."""
+    word = place.replace("_", " ")
+    acted = _channel_of(word) if quantity == "v" and len(word) > 1 else None
+    if acted in ("force", _BASE, *_MOTIONS):
+        return acted
+    channel = _channel_of(f"{quantity} {word}")
+    return channel if channel in ("voltage", "dc_voltage", "current") else None
+
+
+def _electrical(name: str) -> str | None:
+    """Channel of any other voltage of a node, or current, of a circuit simulator: the first of the file, in doubt."""
+    signal = _SIMULATED.fullmatch(name)
+    return None if signal is None else "voltage" if signal["quantity"].lower() == "v" else "current"
 
 
 def _counts(reader: Reader, name: str, channel: str) -> bool:

@@ -26,7 +26,7 @@ BAND_ERRORS = 3.0  # standard errors of a law's band: 99.7 % of a normal distrib
 # Points of a residual over time: averaging reveals structure below the noise of single samples.
 _TIME_POINTS = 200
 _SPECTRUM_POINTS = 160  # points of a spectrum
-PARTNERS = {"displacement": "force", "voltage": "displacement", "current": "voltage", "force": "displacement"}
+PARTNERS = {"voltage": "displacement", "current": "voltage", "force": "displacement"}  # others: the drive
 
 
 def _legend(figure: Figure, changed: bool) -> None:
@@ -104,7 +104,8 @@ def spectrum(values: np.ndarray, step: float, scale: float = 1.0) -> tuple[np.nd
 def cause_figure(found: Residuals, c: int, changed: bool) -> Figure:
     """Draw a channel's residual so that its cause is visible: loop, mean residual along it or over time, spectrum."""
     data, channel = found.data, found.data.channels[c]
-    partner = PARTNERS[channel] if PARTNERS[channel] in data.record.signals else data.drive
+    partner = PARTNERS.get(channel, data.drive)
+    partner = partner if partner in data.record.signals else data.drive
     x, y = data.record[partner], data.record[channel]
     figure, axes = style.grid_of_axes(1, 3, height=2.9)
     fx, ux = prefix_of(float(np.abs(x).max()), UNITS[partner])

@@ -18,9 +18,8 @@ class Friction(Effect):
     source: ClassVar[str] = "Iwan, J. Appl. Mech. 33(4), 893-900, 1966"
     looks: ClassVar[str] = "the force-displacement loop has the same width at every frequency, and contains minor loops"
     told_by: ClassVar[str] = (
-        "make a slow record with small reversals at several levels, electrodes shorted: the loop of damping narrows "
-        "with the frequency, "
-        "friction does not"
+        "make a slow record with small reversals at several levels, electrodes shorted: the loop of viscous damping "
+        "narrows as the frequency falls, that of friction does not"
     )
     places: ClassVar[tuple[str, ...]] = ("spring",)
 

@@ -1,10 +1,10 @@
 """Noise that the noise of the drive, or of a recorded gate, adds where a circuit switches: earlier or later.
 
 A voltage inverted within a few samples changes by far more in a shift of a thousandth of a sample than its sensor's
-noise. Such samples count for as much as they are known. Their errors depend on each other: behind a rectifier, the
-noise of the drive about a resonance is a slow error of the dc voltage. Their spectra are a part of the noise that
-residuals are whitened for. Over the whole record they depend on each other where the drive is a sine whose amplitude
-and phase are known to a part: standard errors have to know.
+noise. Such samples count for as much as they are known. Errors that a whole record has in common, as where the
+amplitude and the phase of its drive are known to a part, are removed in whitening (`common_errors`). The others depend
+on each other, too: behind a rectifier, the noise of a drive about a resonance is a slow error of the dc voltage. Their
+spectra are a part of the noise that residuals are whitened for; standard errors have to know the rest.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ FOR_WEIGHTS, FOR_ERRORS = 4, 32
 # realisations with so many times the noise find samples within some standard deviations of a jump.
 WIDE, WIDENED = 16, 4.0
 MAX_VALUES = 1 << 26
+# Common errors: of half of the realisations at most, as so many random ones have little in common, and larger, over the
+# whole record, than the noise of a sample.
+MAX_COMMON, MIN_COMMON = WIDE // 2, 1.0
 # Lines of a spectrum that are averaged: with the realisations for weights, 17 % of each of its values are chance.
 AVERAGED_LINES = 9
 
@@ -84,15 +87,14 @@ class EventNoise:
             return np.ones((len(self._drive), len(self._channels)))
         variance = np.mean(self._first_errors**2, axis=0)
         if self._noise > 0.0:
-            wide = np.mean(self._errors(WIDE, WIDENED) ** 2, axis=0) / WIDENED**2
-            variance = np.maximum(variance, wide)
+            variance = np.maximum(variance, np.mean(self._wide**2, axis=0))
         return self._own / np.sqrt(self._own**2 + variance)
 
     def spectra(self, count: int) -> np.ndarray:
         """Cross-spectra (f, channels, channels) of the weighted errors of `count` samples, in units of white noise."""
         if self.known:
             return np.zeros((count // 2 + 1, len(self._channels), len(self._channels)))
-        lines = np.fft.rfft((self._first_errors * self.weights)[:, :count], axis=1) / np.sqrt(count)
+        lines = np.fft.rfft(self._without_common(self._first_errors)[:, :count], axis=1) / np.sqrt(count)
         found = np.einsum("nfa,nfb->fab", lines, np.conj(lines)) / len(lines)
         return uniform_filter1d(found, AVERAGED_LINES, axis=0, mode="nearest")
 
@@ -102,17 +104,40 @@ class EventNoise:
         return self.spectra(count) - np.diag(lowered)
 
     @cached_property
+    def _wide(self) -> np.ndarray:
+        """Realisations (n, samples, channels) with more noise, reduced to the size of the noise."""
+        return self._errors(WIDE, WIDENED) / WIDENED
+
+    @cached_property
+    def common(self) -> np.ndarray:
+        """Errors (n, samples, channels) that all samples have in common, each of the size of a standard deviation."""
+        if self.known or self._noise == 0.0:
+            return np.zeros((0, len(self._drive), len(self._channels)))
+        wide = self._wide
+        flat = (wide * (self.weights / self._own)).reshape(len(wide), -1)
+        mixed, squares, _ = np.linalg.svd(flat @ flat.T / len(wide), hermitian=True)
+        kept = int(np.sum(squares[:MAX_COMMON] > MIN_COMMON))
+        return np.tensordot(mixed[:, :kept].T / np.sqrt(len(wide)), wide, 1)
+
+    @cached_property
     def _base(self) -> np.ndarray:
         """Responses (samples, channels) to the drive without noise."""
         return _values(self._prediction, self._channels)
 
     @cached_property
     def _weighted_errors(self) -> np.ndarray:
-        """Realisations (n, samples, channels) of the errors, each with the weight of its sample."""
+        """Realisations (n, samples, channels) of the errors but the common ones, each with the weight of its sample."""
         count = MAX_VALUES // (len(self._drive) * len(self._channels))
         errors = self._errors(min(max(count, FOR_WEIGHTS), FOR_ERRORS))
-        errors *= self.weights
-        return errors.astype(np.float32)
+        return self._without_common(errors).astype(np.float32)
+
+    def _without_common(self, errors: np.ndarray) -> np.ndarray:
+        """Realisations (n, samples, channels) but the common errors, each with the weight of its sample."""
+        errors = errors * self.weights
+        for shape in self.common * self.weights:
+            unit = shape / self._own / np.linalg.norm(shape / self._own)
+            errors -= np.tensordot(errors / self._own, unit, 2)[:, None, None] * (unit * self._own)
+        return errors
 
     def spread(self, begin: int, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the errors do to the gradient: its realisations, and the part of its covariance that is counted already.
