@@ -32,9 +32,9 @@ FOR_WEIGHTS, FOR_ERRORS = 4, 32
 # realisations with so many times the noise find samples within some standard deviations of a jump.
 WIDE, WIDENED = 16, 4.0
 MAX_VALUES = 1 << 26
-# Common errors: of half of the realisations at most, as so many random ones have little in common, and larger, over the
-# whole record, than the noise of a sample.
-MAX_COMMON, MIN_COMMON = WIDE // 2, 1.0
+# Common errors: larger, over the whole record, than the noise of a sample, and twice what each realisation would have
+# if they had nothing in common. Others, of a drive with many frequencies, are in the spectra.
+MIN_COMMON, MIN_COMMON_RATIO = 1.0, 2.0
 # Lines of a spectrum that are averaged: with the realisations for weights, 17 % of each of its values are chance.
 AVERAGED_LINES = 9
 
@@ -106,7 +106,7 @@ class EventNoise:
     @cached_property
     def _wide(self) -> np.ndarray:
         """Realisations (n, samples, channels) with more noise, reduced to the size of the noise."""
-        return self._errors(WIDE, WIDENED) / WIDENED
+        return self._errors(WIDE, WIDENED, series=1) / WIDENED
 
     @cached_property
     def common(self) -> np.ndarray:
@@ -116,7 +116,7 @@ class EventNoise:
         wide = self._wide
         flat = (wide * (self.weights / self._own)).reshape(len(wide), -1)
         mixed, squares, _ = np.linalg.svd(flat @ flat.T / len(wide), hermitian=True)
-        kept = int(np.sum(squares[:MAX_COMMON] > MIN_COMMON))
+        kept = int(np.sum(squares > max(MIN_COMMON, MIN_COMMON_RATIO * squares.mean())))
         return np.tensordot(mixed[:, :kept].T / np.sqrt(len(wide)), wide, 1)
 
     @cached_property
@@ -164,15 +164,16 @@ class EventNoise:
         lines = line_spectra(slopes.transpose(0, 2, 1))  # (channels, p, f)
         return found, np.real(np.einsum("apf,fab,bqf->pq", np.conj(lines), self.spectra(slopes.shape[1]), lines))
 
-    def _errors(self, count: int, times: float = 1.0) -> np.ndarray:
+    def _errors(self, count: int, times: float = 1.0, series: int = 0) -> np.ndarray:
         """Realisations (n, samples, channels) of the errors by some times the noise of the drive.
 
+        Those of another series are independent: what one has in common is no more of the other than of any noise.
         Those that cannot be followed are left out.
         """
         prediction, channels, found = self._prediction, self._channels, []
         drives: Iterable[np.ndarray] = [self._drive] * count
         if self._noise > 0.0:
-            drives = noisy_drives(self._signal, self._drive, times * self._noise, count)
+            drives = noisy_drives(self._signal, self._drive, times * self._noise, count, series)
         for seed, noisy in enumerate(drives):
             again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
             try:
