@@ -68,7 +68,7 @@ class Sort(NamedTuple):
 def _diode(part: Mapping[str, Any], current: float | None, place: ShuntTable) -> dict[str, Any]:
     """The law as a broken line, or as the straight one for a current, and what it passes backwards."""
     law = [part[key] for key in ("saturation_current", "emission", "series_resistance")]
-    backwards = {"diode_leakage": part["reverse_conductance"], "diode_saturation": part["saturation_current"]}
+    backwards = {"diode_leakage": part.get("reverse_conductance", 0.0), "diode_saturation": part["saturation_current"]}
     if current is not None:
         try:
             line = exponential_diode(*law, peak_current=current)
