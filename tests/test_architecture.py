@@ -188,7 +188,7 @@ def test_the_whole_package_is_asked_for_its_version_only():
 @pytest.mark.parametrize("path", [path for path in FILES if "engine" in path.parts], ids=lambda path: path.stem)
 def test_the_engine_knows_no_shunt_by_name(path):
     """What it needs to know of one, the shunt itself says."""
-    general = ("base", "cold_start", "curves", "stored")  # all shunts, and what is put around any of them
+    general = ("base", "cold_start", "curves", "saturation", "stored")  # all shunts, and what is put around any of them
     for name, line in imports(path):
         if name.startswith("piezoharvest.description.shunts"):
             assert name.split(".")[3] in general, f"{path}:{line}: imports {name}"

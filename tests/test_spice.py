@@ -98,7 +98,7 @@ SWITCHED = {
         "efficiency": 0.9,
     },
     "bias_flip": {"kind": "bias_flip", "steps": 3, **LOAD, **COIL, "bias_capacitance": 4e-7},
-    "half_wave": {"kind": "half_wave", **WIDE, "diode_drop": 0.01, "diode_leakage": 1e-8},
+    "half_wave": {"kind": "half_wave", **WIDE, "diode_drop": 0.01, "diode_leakage": 1e-8, "diode_saturation": 1e-7},
     "doubler": {"kind": "doubler", **WIDE, "diode_drop": 0.01, "diode_resistance": 2e3, "diode_leakage": 1e-8},
     "battery": {"kind": "battery", "dc_voltage": 0.3, "internal_resistance": 2e3, "diode_resistance": 500.0},
     "mppt": {"kind": "mppt", "fraction": 0.5, "sampling_duty": 0.1, "diode_drop": 0.01},

@@ -40,7 +40,7 @@ _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts 
 _TUNED_UNITS = ("ohm", "H", "F")
 # Parts that all candidates share, as a study's first table that has them says: of a bridge, of a switched coil, and
 # what beside them only counts where a table gives it.
-DIODE = ("diode_drop", "diode_resistance", "diode_leakage")
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage", "diode_saturation")
 COIL = ("switch_resistance", "core_resistance", "self_resonance")
 BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
 CURVES = ("diode_curve", "switch_curve")  # tables, of diodes and of a switch

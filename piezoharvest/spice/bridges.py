@@ -50,10 +50,10 @@ class _Diodes:
         """One diode between two nodes, with what it conducts backwards."""
         if self.model is not None:
             self.deck.add(f"D{name} {plus} {minus} diode")
-            return
-        across = "-".join(f"V({node})" for node in (plus, minus) if node != "0")
-        across = f"(-{across})" if plus == "0" else f"({across})"
-        self.deck.add(f"B{name} {plus} {minus} I={self.current(across)}")
+        else:
+            across = "-".join(f"V({node})" for node in (plus, minus) if node != "0")
+            across = f"(-{across})" if plus == "0" else f"({across})"
+            self.deck.add(f"B{name} {plus} {minus} I={self.current(across)}")
         if self.shunt.diode_leakage:
             self.deck.add(f"Rback{name} {plus} {minus}", 1 / self.shunt.diode_leakage)
 
@@ -157,6 +157,7 @@ def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCi
         deck.add(f"Csmoothing{name} {plus} {minus} {capacitance} IC={number(voltage)}")
     if shunt.dc_leakage:
         deck.add("Rleak upper lower", 1 / shunt.dc_leakage)
+    _write_saturation(deck, shunt, point, "upper", "lower")
     return _write_loads(deck, shunt, point, ("upper", "lower"), ("upper", "lower"))
 
 
@@ -174,8 +175,10 @@ def write_dc_side(
 ) -> NetlistCircuit:
     """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""
     plus, minus = nodes
-    if shunt.dc_conductance:
-        deck.add(f"Rleak {plus} {minus}", 1 / shunt.dc_conductance)
+    leaks = shunt.dc_conductance if point.diodes is None or not shunt.discharged else shunt.dc_leakage
+    if leaks:
+        deck.add(f"Rleak {plus} {minus}", 1 / leaks)
+    _write_saturation(deck, shunt, point, plus, minus)
     if shunt.dc_voltage is not None:
         deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
@@ -185,6 +188,19 @@ def write_dc_side(
         plus = "inside_smoothing"
     deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
     return _write_loads(deck, shunt, point, nodes, (plus, minus))
+
+
+def _write_saturation(deck: Deck, shunt: Bridge, point: OperatingPoint, plus: str, minus: str) -> None:
+    """What saturated diodes take of the dc side between two nodes; diodes with a model do so themselves."""
+    current, _ = shunt.saturated
+    if not current or point.diodes is not None:
+        return
+    deck.comment("Saturated diodes pass a current backwards: constant, and at low voltages in proportion.")
+    held, at = (
+        deck.parameter("current_saturation", current),
+        deck.parameter("saturation_voltage", shunt.saturation_voltage),
+    )
+    deck.add(f"Bsaturated {plus} {minus} I={held}*max(-1, min(1, V({plus},{minus})/{at}))")
 
 
 def _write_loads(

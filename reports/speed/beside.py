@@ -1,8 +1,8 @@
 """`python -m reports.speed.beside [COMMIT]` times the old circuits beside an earlier version.
 
 Times periods of the circuits that both versions have, in turn: one process of the version of a commit, one of this one,
-again and again, so that both have the same moments of a shared machine. Writes beside.md: the least time of each, and
-their ratio. The default is the last commit before the circuits of issue 34.
+again and again, so that both have the same moments of a shared machine. Prints the least time of each and their ratio,
+and writes them to beside.md. The default is the last commit before switched capacitors, breakers and storage came.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ def main() -> None:
     lines += [f"| {case} | {1e6 * a:.3g} | {1e6 * b:.3g} | {b / a:.3f} |" for case, (a, b) in found.items()]
     write_text("\n".join(lines) + "\n", Path(__file__).parent / "beside.md")
     for case, (a, b) in found.items():
-        if b > LIMIT * a:
-            print(f"slower: {case}: {b / a:.3f} times as long")
+        verdict = "slower" if b > LIMIT * a else "as fast"
+        print(f"{verdict}: {case}: {1e6 * b:.3g} us, {b / a:.3f} of {1e6 * a:.3g} us at {name.stdout.strip()}")
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ GIVEN = {
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
 WOUND = {"switch_resistance": 30.0, "self_resonance": 4e4}
-LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
+LEAKING = {"diode_leakage": 1e-6, "diode_saturation": 1e-6, "dc_leakage": 1e-6}
 ESR = {
     "dc_voltage": None,
     "smoothing_capacitance": 24e-9,

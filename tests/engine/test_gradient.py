@@ -30,7 +30,7 @@ CIRCUITS = {
     "rectifier dc": {"kind": "rectifier", "dc_voltage": 3.0, "diode_drop": 0.3},
     "rectifier resistance": {"kind": "rectifier", **SMOOTH, "diode_drop": 0.3, "diode_resistance": 3e3},
     "half-wave": {"kind": "half_wave", **SMOOTH, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
-    "doubler": {"kind": "doubler", **SMOOTH, "diode_drop": 0.1, "diode_leakage": 1e-7},
+    "doubler": {"kind": "doubler", **SMOOTH, "diode_drop": 0.1, "diode_leakage": 1e-7, "diode_saturation": 1e-7},
     "battery": {"kind": "battery", "dc_voltage": 2.0, "diode_resistance": 1e3, "internal_resistance": 2e3},
     "mppt": {"kind": "mppt", "fraction": 0.4, "sampling_duty": 0.1, "diode_drop": 0.1},
     "supply": {
@@ -136,7 +136,7 @@ def difference(system, excitation, path, value, wide=False):
     home, _, rest = path.partition(".")
     bounds = metadata(excitation if home == "excitation" else getattr(system, home), rest)
     # A conductance is felt beside that of a load, some 1e-5 S.
-    at_zero = {"time_lag": 3e-8, "offset": 1e-6, "diode_leakage": 1e-8, "dc_leakage": 1e-8}
+    at_zero = {"time_lag": 3e-8, "offset": 1e-6, "diode_leakage": 1e-8, "dc_leakage": 1e-8, "diode_saturation": 1e-8}
     h = 1e-5 * abs(value) if value else at_zero.get(rest, 1e-5)
     kinked = system.shunt.kind in ("sece", "ssds") and rest in ("phase_lag", "time_lag")
     lags = [getattr(system.shunt, name, 0.0) for name in ("phase_lag", "time_lag")]
@@ -232,13 +232,15 @@ UNITS = {
     "phase_time": (0, 0, 1, 0), "short_time": (0, 0, 1, 0), "intermediate_capacitance": (-1, -2, 4, 2),
     "bias_capacitance": (-1, -2, 4, 2), "flip_capacitances": (-1, -2, 4, 2),
     "flip_time": (0, 0, 1, 0), "time_constant": (0, 0, 1, 0), "source_voltage": (1, 2, -3, -1),
-    "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "force_participation": (0, 0, 0, 0),
+    "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "saturation_voltage": (1, 2, -3, -1),
+    "force_participation": (0, 0, 0, 0),
     **dict.fromkeys(("initial_dc_voltage", "turn_on", "turn_off", "max_voltage"), (1, 2, -3, -1)),
     **dict.fromkeys(("start_voltage", "stop_voltage"), (1, 2, -3, -1)),
     "gate_energy": (1, 2, -2, 0), "smoothing_resistance": (1, 2, -3, -2), "second_inductance": (1, 2, -2, -2),
     **dict.fromkeys(("power", "control_power"), (1, 2, -3, 0)),
     **dict.fromkeys(("fraction", "sampling_duty"), (0, 0, 0, 0)),
-    "diode_leakage": (-1, -2, 3, 2), "dc_leakage": (-1, -2, 3, 2), "detector_threshold": (1, 2, -3, -1),
+    "diode_leakage": (-1, -2, 3, 2), "dc_leakage": (-1, -2, 3, 2), "diode_saturation": (0, 0, 0, 1),
+    "detector_threshold": (1, 2, -3, -1),
     "phase_lag": (0, 0, 0, 0), **dict.fromkeys(("quality", "second_quality", "residual"), (0, 0, 0, 0)),
     "efficiency": (0, 0, 0, 0), "on_time_error": (0, 0, 0, 0),
 }  # fmt: skip

@@ -6,7 +6,7 @@ from bench_runs import error, waves
 from studies import BENCH, DRIVE, STOPS, bench, solve
 
 LOAD = {"smoothing_capacitance": 2e-7, "load_resistance": 2e5}
-REAL = {"diode_drop": 0.2, "diode_resistance": 3e3, "diode_leakage": 1e-7}
+REAL = {"diode_drop": 0.2, "diode_resistance": 3e3, "diode_leakage": 1e-7, "diode_saturation": 3e-7}
 LOOP = {"inductance": 0.1, "quality": 5.0}
 BRIDGE = """* bridge with a filter
 .model d D(Ron={} Roff=1g Vfwd={})
@@ -45,7 +45,7 @@ CIRCUITS = {
     "spice stiff": {"kind": "spice", "netlist": BRIDGE.format(0.03, 0)},
     "spice all elements": {"kind": "spice", "netlist": SOURCES, "load": ["Rout"]},
     "rectifier": {"kind": "rectifier", **LOAD, **REAL},
-    "half_wave": {"kind": "half_wave", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
+    "half_wave": {"kind": "half_wave", **LOAD, "diode_drop": 0.1, "diode_saturation": 1e-6, "dc_leakage": 1e-7},
     "half_wave real": {"kind": "half_wave", "dc_voltage": 1.0, **REAL},
     "doubler": {"kind": "doubler", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
     "doubler real": {"kind": "doubler", **LOAD, **REAL},

@@ -33,6 +33,7 @@ PATHS = {
         for name in (
             "inductance", "flip_time", "quality", "on_time_error", "phase_lag", "time_lag", "hold_off", "dc_voltage",
             "smoothing_capacitance", "load_resistance", "diode_drop", "diode_resistance", "diode_leakage", "dc_leakage",
+            "diode_saturation", "saturation_voltage",
             "detector_threshold", "switch_resistance", "initial_dc_voltage", "smoothing_resistance", "gate_energy",
             "control_power", "start_voltage", "stop_voltage", "core_resistance", "self_resonance",
         )

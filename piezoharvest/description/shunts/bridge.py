@@ -26,7 +26,11 @@ class Bridge(Shunt):
     A conducting diode drops `diode_drop` plus `diode_resistance` times its current; a blocking one leaks as the
     conductance `diode_leakage`. In a full bridge the dc side lies, by symmetry, halfway between the electrodes, so the
     leakage of all four diodes is one such conductance across the electrodes and one across the dc side, to which
-    `dc_leakage` adds. The power that maintains a constant dc voltage against this leakage is not counted.
+    `dc_leakage` adds. Beyond a few n k T/q a blocking diode also passes its saturation current `diode_saturation`
+    backwards. Of a path's two ends one blocks always: what the diodes on both sides take of the leads cancels, and the
+    dc side loses one such current for each diode of a path. Below `saturation_voltage` it is in proportion to the
+    dc voltage (`piezoharvest.description.shunts.saturation`). The power that maintains a constant dc voltage against
+    all this is not counted, except that of a battery.
 
     Circuits with other diodes change `diodes`, the number in a path, and `level`, the voltage at which they stop. The
     name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
@@ -46,7 +50,8 @@ class Bridge(Shunt):
     """
 
     diodes: ClassVar[int] = 2
-    drawn: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # A and S, of what else is at the dc side (`drawing`)
+    supplied: ClassVar[tuple[Any, Any]] = (0.0, 0.0)  # A and S, of what else is at the dc side (`supplying`)
+    low: ClassVar[bool] = False  # the dc voltage is below `saturation_voltage`
     capacitors: ClassVar[int] = 1  # in series across the dc side
     whole_side: ClassVar[bool] = False  # the circuit is the whole dc side, without load or capacitor
     gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
@@ -61,6 +66,10 @@ class Bridge(Shunt):
         "ohm", "series resistance of one diode", default=0.0, at_least=0, other_law_at_zero=True
     )
     diode_leakage: float = quantity("S", "reverse conductance of one diode", default=0.0, at_least=0)
+    diode_saturation: float = quantity("A", "saturation current of one diode, backwards", default=0.0, at_least=0)
+    saturation_voltage: float = quantity(
+        "V", "dc voltage, a few n k T/q, from which on blocking diodes pass all of it", default=0.1, above=0
+    )
     dc_leakage: float = quantity(
         "S", "conductance across the dc side, in parallel with the load", default=0.0, at_least=0
     )
@@ -160,26 +169,38 @@ class Bridge(Shunt):
         """Rate of that voltage."""
         return dz.dc if self.dc_voltage is None else 0.0 * port.one
 
-    def dc_equations(self, rectified: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
+    def dc_equations(self, rectified: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Current balance of the smoothing capacitor, charged by the `rectified` current."""
         if self.smoothing_capacitance is None:
             return []
-        return [self.dc_capacitance * dz.dc - self.divided(rectified - self._all_conductance * z.dc)]
+        return [self.dc_capacitance * dz.dc - self.charging(rectified, port, z)]
 
-    def drawing(self, current: Any, conductance: Any) -> Self:
-        """The circuit where something takes a current (A) and a conductance (S) times the voltage of the dc side.
+    def charging(self, rectified: Row, port: Port, z: SimpleNamespace) -> Row:
+        """Current into the smoothing capacitor."""
+        return self.divided(rectified - self._drawn * port.one - self._all_conductance * z.dc)
 
-        The current itself is to be added to the balance of the smoothing capacitor, `divided`.
-        """
+    def supplying(self, current: Any, conductance: Any) -> Self:
+        """The circuit where something takes a current (A) and a conductance (S) times the voltage of the dc side."""
         found = copy.copy(self)
-        object.__setattr__(found, "drawn", (current, conductance))
+        object.__setattr__(found, "supplied", (current, conductance))
         return found
+
+    @property
+    def saturated(self) -> tuple[Any, Any]:
+        """Current (A) and conductance (S) with which saturated diodes discharge the dc side."""
+        current = self.diodes * self.diode_saturation if self.discharged else 0.0
+        return (0.0, current / self.saturation_voltage) if self.low else (current, 0.0)
+
+    @property
+    def _drawn(self) -> Any:
+        """Constant part of the current that leaves the dc side, A."""
+        return self.saturated[0] + self.supplied[0]
 
     @property
     def _all_conductance(self) -> Any:
         """What discharges the smoothing capacitor, with the load, S."""
         load = 0.0 if self.load_resistance is None else 1.0 / self.load_resistance
-        return self.dc_conductance + load + self.drawn[1]
+        return self.dc_conductance + load + self.saturated[1] + self.supplied[1]
 
     def divided(self, what: Any) -> Any:
         """What is left of a voltage or a current behind the series resistance of the smoothing capacitor."""
@@ -191,7 +212,7 @@ class Bridge(Shunt):
         """Voltage across the load: that of the smoothing capacitor with what its series resistance adds."""
         if not np.any(self.smoothing_resistance):
             return self.dc_side(port, z)
-        return self.divided(self.dc_side(port, z) + self.dc_resistance * (rectified - self.drawn[0] * port.one))
+        return self.divided(self.dc_side(port, z) + self.dc_resistance * (rectified - self._drawn * port.one))
 
     @property
     def dc_resistance(self) -> Any:
@@ -204,8 +225,13 @@ class Bridge(Shunt):
 
     @property
     def dc_conductance(self) -> Any:
-        """What discharges the smoothing capacitor beside the load, S."""
-        return self.diode_leakage + self.dc_leakage if self.dc_voltage is None else 0.0
+        """What discharges the dc side beside the load and saturated diodes, S."""
+        return self.diode_leakage + self.dc_leakage if self.discharged else 0.0
+
+    @property
+    def discharged(self) -> bool:
+        """Whether what the dc side loses is taken from its power; else it is held at its voltage against that."""
+        return self.dc_voltage is None
 
     def leak(self, port: Port, z: SimpleNamespace) -> Row:
         """Current that passes the diodes backwards at the leads."""
@@ -253,23 +279,29 @@ class Bridge(Shunt):
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into what lies behind the diodes and in them, from the `rectified` current."""
         dc = self.terminal(rectified, port, z)
-        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc), *self.capacitor_loss(rectified, port, z)]
+        taken = self.dc_loss(dc, port)
+        lost = [*self.path_loss(rectified, port), *taken, *self.capacitor_loss(rectified, port, z)]
         if self.load_resistance is not None:
             harvested = [Product(1.0 / self.load_resistance, dc, dc)]
+        elif self.storage is not None:
+            harvested = []
         else:
-            harvested = [] if self.storage is not None else [Product(1.0, dc, rectified)]
+            harvested = [Product(1.0, dc, rectified), *(Product(-p.coefficient, p.first, p.second) for p in taken)]
         return {"harvested": harvested, "shunt_loss": lost}
 
     def capacitor_loss(self, rectified: Row, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power in the series resistance of the smoothing capacitor."""
         if not np.any(self.smoothing_resistance):
             return []
-        charging = self.divided(rectified - self.drawn[0] * port.one - self._all_conductance * z.dc)
+        charging = self.charging(rectified, port, z)
         return [Product(self.dc_resistance, charging, charging)]
 
-    def dc_loss(self, dc: Row) -> list[Product]:
-        """Power of what discharges the smoothing capacitor beside the load, at the voltage `dc` of that."""
-        return [Product(self.dc_conductance, dc, dc)] if np.any(self.dc_conductance) else []
+    def dc_loss(self, dc: Row, port: Port) -> list[Product]:
+        """Power of what discharges the dc side beside the load, at the voltage `dc` of that."""
+        current, conductance = self.saturated
+        conductance = conductance + self.dc_conductance
+        lost = [Product(conductance, dc, dc)] if np.any(conductance) else []
+        return [*lost, Product(current, dc, port.one)] if np.any(current) else lost
 
     def path_loss(self, rectified: Row, port: Port) -> list[Product]:
         """Power in the conducting diodes."""

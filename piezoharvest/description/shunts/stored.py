@@ -56,11 +56,10 @@ class Stored(ExtendedCircuit):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         supply, own = configuration.split(" ", 1)
-        circuit, at = self._loaded(supply), self._balance(port)
-        rows = list(circuit.equations(own, port, z, dz))
-        # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
-        full = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
-        rows[at] = full if _level(supply) == FULL else rows[at] + circuit.divided(circuit.drawn[0]) * port.one
+        rows = list(self._loaded(supply).equations(own, port, z, dz))
+        if _level(supply) == FULL:
+            # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
+            rows[self._balance(port)] = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
         if self.storage.phases:
             rows.append(dz.timer - (0.0 if supply == OFF else 1.0) * port.one)
         return rows
@@ -138,13 +137,12 @@ class Stored(ExtendedCircuit):
         """The circuit with what the supply draws from it."""
         if supply == OFF:
             return self.circuit
-        return self.circuit.drawing(*self.storage.line(self._piece(supply), _phase(supply)))
+        return self.circuit.supplying(*self.storage.line(self._piece(supply), _phase(supply)))
 
     def _charging(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Current into the capacitor, or past a full one: what arrives, less what leaves its side."""
-        at_rest, circuit = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)}), self._loaded(supply)
-        balance = circuit.equations(own, port, z, at_rest)[self._balance(port)]
-        return -balance - circuit.divided(circuit.drawn[0]) * port.one
+        at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
+        return -self._loaded(supply).equations(own, port, z, at_rest)[self._balance(port)]
 
     def _voltage(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the supply: that of the capacitor, with what its current makes of the resistance in series."""

@@ -14,6 +14,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.cold_start import with_start
 from piezoharvest.description.shunts.curves.curved import with_curves
+from piezoharvest.description.shunts.saturation import with_saturation
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
@@ -63,7 +64,8 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     check_size(system.transducer, excitation, system.shunt)
     signal = excitation.signal()
     system = settled(connected(system), excitation)
-    system = System(system.transducer, with_start(with_supply(with_curves(system.shunt)), system.shunt))
+    whole = with_saturation(with_supply(with_curves(system.shunt)), system.shunt)
+    system = System(system.transducer, with_start(whole, system.shunt))
     drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"

@@ -15,7 +15,9 @@ from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.vector import LANES, padded, whole_lines
 
-MODES = 64  # kept at the same time, as far as memory allows; later ones replace all, which are rebuilt when needed
+# Kept at the same time, as far as memory allows; later ones replace all, which are rebuilt when needed. A supply with
+# phases goes through a hundred in turn.
+MODES = 256
 MAX_NUMBERS = 2**27  # of all modes together: 1 GiB
 LEVELS = 56
 DIGIT_BITS = 4  # of a digit in which numbers of finest steps are written

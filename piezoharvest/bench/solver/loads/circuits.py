@@ -297,7 +297,8 @@ class CurrentBlocking(Circuit):
 class Rectifier(Circuit):
     """Bridge into a smoothing capacitor (whose voltage is the last state) with its load, or into a constant voltage.
 
-    A conductance beside each diode is one across the leads and one across the dc side.
+    A conductance beside each diode is one across the leads and one across the dc side. Its saturation current leaves
+    the dc side once for each diode of a path, in proportion to the dc voltage below `saturation_voltage`.
     """
 
     smoothing_capacitance: float | None
@@ -305,6 +306,8 @@ class Rectifier(Circuit):
     dc_voltage: float | None
     diode_drop: float
     diode_leakage: float
+    diode_saturation: float
+    saturation_voltage: float
     dc_leakage: float
     diode_resistance: float
     diodes = 2  # in a path
@@ -315,6 +318,7 @@ class Rectifier(Circuit):
         self.storage = () if self.smoothing_capacitance is None else (self.smoothing_capacitance,)
         self.charging = 0.0 if self.smoothing_capacitance is None else 1.0 / self.smoothing_capacitance
         self.conductance = 0.0 if self.load_resistance is None else 1.0 / self.load_resistance
+        self.smooth = bool(self.storage and self.diode_saturation)  # its corner is not an event
 
     def dc(self, z):
         return z[-1] if self.dc_voltage is None else self.dc_voltage + 0.0 * z.sum(axis=0)
@@ -329,7 +333,11 @@ class Rectifier(Circuit):
         if self.dc_voltage is not None:
             return ()
         leaks = self.conductance + self.diode_leakage + self.dc_leakage
-        return (self.charging * (rectified - leaks * self.dc(z)),)
+        return (self.charging * (rectified - leaks * self.dc(z) - self.saturated(z)),)
+
+    def saturated(self, z):
+        """Current that saturated diodes take of the dc side."""
+        return self.diodes * self.diode_saturation * np.clip(self.dc(z) / self.saturation_voltage, 0.0, 1.0)
 
     def flow(self, z, v, free, elastance):
         return self.bridge_flow(z, v, free, elastance, beside=0.0)
@@ -375,6 +383,10 @@ class Battery(Rectifier):
     def path_resistance(self):
         return 2.0 * self.diode_resistance + self.internal_resistance
 
+    def dc_current(self, z, v, i):
+        leaks = (self.diode_leakage + self.dc_leakage) * self.dc(z) + self.saturated(z)
+        return super().dc_current(z, v, i) - leaks
+
 
 class HalfWave(Rectifier):
     """Series diode to the dc side, and a diode across the leads."""
@@ -399,7 +411,8 @@ class HalfWave(Rectifier):
     def dc_rates(self, z, rectified):
         if self.dc_voltage is not None:
             return ()
-        return (self.charging * (rectified - (self.conductance + self.dc_leakage) * self.dc(z)),)
+        leaks = self.conductance + self.dc_leakage
+        return (self.charging * (rectified - leaks * self.dc(z) - self.saturated(z)),)
 
     def flow(self, z, v, free, elastance):
         series, across = self.parts(z, v, free, elastance)
@@ -446,7 +459,7 @@ class Doubler(Rectifier):
         upper, lower = self.sides(z)
         g, sign, charging = self.diode_leakage, self.branch, self.charging
         up, down = g * (v - upper), g * (-v - lower)
-        drain = (self.conductance + self.dc_leakage) * (upper + lower)
+        drain = (self.conductance + self.dc_leakage) * (upper + lower) + self.saturated(z)
         if sign:
             side, into = (upper, up) if sign > 0 else (lower, down)
             if self.path_resistance:

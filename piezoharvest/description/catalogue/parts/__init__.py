@@ -66,9 +66,9 @@ class Sort(NamedTuple):
 
 
 def _diode(part: Mapping[str, Any], current: float | None, place: ShuntTable) -> dict[str, Any]:
-    """The law as a broken line, or as the straight one for a current, and the conductance backwards."""
+    """The law as a broken line, or as the straight one for a current, and what it passes backwards."""
     law = [part[key] for key in ("saturation_current", "emission", "series_resistance")]
-    backwards = {"diode_leakage": part["reverse_conductance"]}
+    backwards = {"diode_leakage": part.get("reverse_conductance", 0.0), "diode_saturation": part["saturation_current"]}
     if current is not None:
         try:
             line = exponential_diode(*law, peak_current=current)
@@ -81,7 +81,9 @@ def _diode(part: Mapping[str, Any], current: float | None, place: ShuntTable) ->
         needed = 'give the peak of the current to which it is fitted, such as "1 mA"'
         raise ParameterError("diode_current", f"missing key, {where} a diode is a straight line: {needed}")
     curve = exponential_curve(*law)
-    return {"diode_curve": {"currents": [*curve.currents], "voltages": [*curve.voltages]}, **backwards}
+    # The current of a path has what the blocking diodes pass in it.
+    currents = [0.0, *(float(f"{each + law[0]:.6g}") for each in curve.currents[1:])]
+    return {"diode_curve": {"currents": currents, "voltages": [*curve.voltages]}, **backwards}
 
 
 def _coil(part: Mapping[str, Any], option: float | None, place: ShuntTable) -> dict[str, float]:
@@ -127,7 +129,8 @@ def _comparator(part: Mapping[str, Any], supply: float | None, place: ShuntTable
 
 SORTS: Mapping[str, Sort] = {
     "diode": Sort(
-        "diodes", "diode", ("diode_drop",), ("diode_drop", "diode_resistance", "diode_leakage", "diode_curve"), _diode,
+        "diodes", "diode", ("diode_drop",),
+        ("diode_drop", "diode_resistance", "diode_leakage", "diode_saturation", "diode_curve"), _diode,
         Option("diode_current", "A", None, "peak of its current, for which it is a straight line instead of a curve"),
     ),
     "coil": Sort(

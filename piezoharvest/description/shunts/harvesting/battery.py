@@ -48,5 +48,9 @@ class Battery(Rectifier):
         return None
 
     @property
+    def discharged(self) -> bool:
+        return True
+
+    @property
     def path_resistance(self) -> Any:
         return self.diodes * self.diode_resistance + self.internal_resistance

@@ -85,7 +85,8 @@ class BiasFlip(WoundSwitch, StagedFlip):
             for k in range(1, self.steps // 2 + 1)
         ]
         _, rectified = self.bridge(configuration, port, z)
-        return [self.port_equation(configuration, port, z, dz), *coil, *charging, *self.dc_equations(rectified, z, dz)]
+        dc = self.dc_equations(rectified, port, z, dz)
+        return [self.port_equation(configuration, port, z, dz), *coil, *charging, *dc]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         powers = self.bridge_powers(self.bridge(configuration, port, z)[1], port, z)

@@ -39,7 +39,7 @@ class Doubler(Rectifier):
 
     @property
     def dc_conductance(self) -> Any:
-        return 0.5 * self.diode_leakage + self.dc_leakage if self.dc_voltage is None else 0.0
+        return 0.5 * self.diode_leakage + self.dc_leakage if self.discharged else 0.0
 
     @property
     def dc_resistance(self) -> Any:
@@ -50,9 +50,11 @@ class Doubler(Rectifier):
         if self.storage is not None:
             found = f"found {np.max(self.smoothing_resistance):g} ohm beside a table storage"
             raise ParameterError("smoothing_resistance", f"{found}, one of the two must be absent in a doubler")
-        if np.any(np.real(self.diode_leakage)):
-            found = f"found {np.max(self.smoothing_resistance):g} ohm together with a diode_leakage"
-            raise ParameterError("smoothing_resistance", f"{found}, one of the two must be 0 in a doubler")
+        for key in ("diode_leakage", "diode_saturation"):
+            beside: Any = np.real(getattr(self, key))
+            if np.any(beside):
+                found = f"found {np.max(self.smoothing_resistance):g} ohm together with a {key}"
+                raise ParameterError("smoothing_resistance", f"{found}, one of the two must be 0 in a doubler")
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         if self.smoothing_capacitance is None:
@@ -82,14 +84,14 @@ class Doubler(Rectifier):
         sign = sign_of(configuration)
         rectified = sign * self.forward(port, z)
         port_equation = self.conduction(sign, rectified, port, z, dz) if sign else self.forward(port, z)
-        rates = self.dc_equations(0.5 * rectified, z, dz)
+        rates = self.dc_equations(0.5 * rectified, port, z, dz)
         # All of the lead's current goes into the midpoint.
         return [port_equation, *rates, *([self.smoothing_capacitance * dz.difference - port.i] if rates else [])]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         rectified = sign_of(configuration) * self.forward(port, z)
         powers = self.bridge_powers(0.5 * rectified, port, z)
-        leaks = [*self.dc_loss(self.terminal(0.5 * rectified, port, z)), *self.leads_loss(port, z)]
+        leaks = [*self.dc_loss(self.terminal(0.5 * rectified, port, z), port), *self.leads_loss(port, z)]
         powers["shunt_loss"] = [
             *self.path_loss(rectified, port),
             *leaks,

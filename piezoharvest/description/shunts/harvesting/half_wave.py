@@ -29,7 +29,7 @@ class HalfWave(Rectifier):
 
     @property
     def dc_conductance(self) -> Any:
-        return self.dc_leakage if self.dc_voltage is None else 0.0
+        return self.dc_leakage if self.discharged else 0.0
 
     def level(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         return self.terminal(self._backwards(port, z), port, z) if sign > 0 else 0.0 * port.one
@@ -49,7 +49,7 @@ class HalfWave(Rectifier):
         sign = sign_of(configuration)
         through = self._through(sign, port, z)
         port_equation = self.conduction(sign, through, port, z, dz) if sign else self.forward(port, z)
-        return [port_equation, *self.dc_equations(self._charging(sign, port, z), z, dz)]
+        return [port_equation, *self.dc_equations(self._charging(sign, port, z), port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)
@@ -58,7 +58,7 @@ class HalfWave(Rectifier):
         lost = [*self.path_loss(self._through(sign, port, z), port), *self.capacitor_loss(charging, port, z)]
         if np.any(self.diode_leakage):
             lost += [Product(self.diode_leakage, row, row) for row in (port.v, port.v - dc)]
-        powers["shunt_loss"] = [*self.dc_loss(dc), *lost]
+        powers["shunt_loss"] = [*self.dc_loss(dc, port), *lost]
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:

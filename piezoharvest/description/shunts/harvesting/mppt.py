@@ -58,8 +58,8 @@ class MPPT(Rectifier):
         return None
 
     @property
-    def dc_conductance(self) -> Any:
-        return 0.0  # which the converter has to hold against
+    def discharged(self) -> bool:
+        return False
 
     def tracked(self, open_voltage: Any) -> Self:
         excess: Any = open_voltage - self.path_drop

@@ -35,7 +35,7 @@ class ParallelSSHI(WoundSwitch, StartedSwitch):
             port_equation = self.forward(port, z) - self._loop(configuration, port, z)
         closed = configuration.startswith("closed")
         coil = self.real_coil(port.capacitance).equations(closed, port.v, port, z, dz)
-        return [port_equation, *coil, *self.dc_equations(rectified, z, dz)]
+        return [port_equation, *coil, *self.dc_equations(rectified, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)

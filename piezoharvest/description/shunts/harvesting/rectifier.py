@@ -26,7 +26,7 @@ class Rectifier(Bridge):
         sign = sign_of(configuration)
         rectified = sign * self.forward(port, z)
         port_equation = self.conduction(sign, rectified, port, z, dz) if sign else self.forward(port, z)
-        return [port_equation, *self.dc_equations(rectified, z, dz)]
+        return [port_equation, *self.dc_equations(rectified, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         powers = self.bridge_powers(sign_of(configuration) * self.forward(port, z), port, z)

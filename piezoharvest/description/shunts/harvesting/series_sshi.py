@@ -33,7 +33,7 @@ class SeriesSSHI(WoundSwitch, Bridge):
         coil = self.real_coil(port.capacitance)
         current = coil.current(bool(sign), drive, port, z, line)
         own = coil.equations(bool(sign), drive, port, z, dz, line)
-        return [port.i - current, *own, *self.dc_equations(sign * current, z, dz)]
+        return [port.i - current, *own, *self.dc_equations(sign * current, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign, drive, line = self._drive(configuration, port, z)

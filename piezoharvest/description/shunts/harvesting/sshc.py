@@ -92,7 +92,7 @@ class SSHC(StagedFlip):
             for n, c in enumerate(self.flip_capacitances, 1)
         ]
         _, rectified = self.bridge(configuration, port, z)
-        return [self.port_equation(configuration, port, z, dz), *charging, *self.dc_equations(rectified, z, dz)]
+        return [self.port_equation(configuration, port, z, dz), *charging, *self.dc_equations(rectified, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         across, _, _ = self._path(position_of(configuration), port, z)

@@ -36,14 +36,15 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         breakers = breakers_of(configuration)
         own, rectified = self.breaker_equations(breakers, port, z, dz), self._rectified(breakers, port, z)
-        return [port.i - self.breaker_current(breakers, port, z), *own, *self.dc_equations(rectified, z, dz)]
+        return [port.i - self.breaker_current(breakers, port, z), *own, *self.dc_equations(rectified, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         breakers = breakers_of(configuration)
         rectified = self._rectified(breakers, port, z)
         powers = self.bridge_powers(rectified, port, z)
         # The drops of the bridge are those of the breaker's path, too, and counted there.
-        lost = [Product(self.path_resistance, rectified, rectified), *self.dc_loss(self.terminal(rectified, port, z))]
+        lost = [Product(self.path_resistance, rectified, rectified)]
+        lost += self.dc_loss(self.terminal(rectified, port, z), port)
         lost += self.capacitor_loss(rectified, port, z)
         powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z)]
         return powers

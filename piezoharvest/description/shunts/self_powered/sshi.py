@@ -42,7 +42,7 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
         else:
             port_equation = self.forward(port, z) - self.breaker_current(breakers, port, z)
         own = self.breaker_equations(breakers, port, z, dz)
-        return [port_equation, *own, *self.dc_equations(rectified, z, dz)]
+        return [port_equation, *own, *self.dc_equations(rectified, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         breakers = breakers_of(configuration)
