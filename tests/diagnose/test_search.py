@@ -140,8 +140,8 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
             assert not found.left
             assert ends not in told
         else:
-            assert told[-1] == ends
-            assert 0 < len(found.order) < MAX_EFFECTS
+            assert all("standard errors of zero" in text for text in told[told.index(ends) + 1 :])  # stand-ins go
+            assert len(found.order) < MAX_EFFECTS
             assert found.left
 
 
