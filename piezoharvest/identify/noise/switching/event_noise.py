@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -37,6 +38,14 @@ MAX_VALUES = 1 << 26
 MIN_COMMON, MIN_COMMON_RATIO = 1.0, 2.0
 # Lines of a spectrum that are averaged: with the realisations for weights, 17 % of each of its values are chance.
 AVERAGED_LINES = 9
+
+
+class _Simulated(NamedTuple):
+    """Weights (samples, channels), common errors (n, samples, channels), and weighted realisations of the rest."""
+
+    weights: np.ndarray
+    common: np.ndarray
+    rest: np.ndarray
 
 
 class EventNoise:
@@ -76,25 +85,33 @@ class EventNoise:
         self.known = noise == 0.0 and not _is_loose(prediction.setting)
 
     @cached_property
-    def _first_errors(self) -> np.ndarray:
-        """Realisations (n, samples, channels) of the errors that weights and spectra follow from."""
-        return self._errors(FOR_WEIGHTS)
+    def _simulated(self) -> _Simulated:
+        """What follows from realisations, which are let go: those of a record of millions of samples take gigabytes."""
+        shape = len(self._drive), len(self._channels)
+        if self.known:
+            return _Simulated(np.ones(shape), np.zeros((0, *shape)), np.zeros((1, *shape), np.float32))
+        first, common = self._errors(FOR_WEIGHTS), np.zeros((0, *shape))
+        variance = np.mean(first**2, axis=0)
+        if self._noise > 0.0:
+            wide = self._errors(WIDE, WIDENED, series=1) / WIDENED
+            variance = np.maximum(variance, np.mean(wide**2, axis=0))
+            common = _in_common(wide, 1.0 / np.sqrt(self._own**2 + variance))
+        weights = self._own / np.sqrt(self._own**2 + variance)
+        return _Simulated(weights, common, self._without(common, first * weights, weights).astype(np.float32))
 
-    @cached_property
+    @property
     def weights(self) -> np.ndarray:
         """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there."""
-        if self.known:
-            return np.ones((len(self._drive), len(self._channels)))
-        variance = np.mean(self._first_errors**2, axis=0)
-        if self._noise > 0.0:
-            variance = np.maximum(variance, np.mean(self._wide**2, axis=0))
-        return self._own / np.sqrt(self._own**2 + variance)
+        return self._simulated.weights
+
+    @property
+    def common(self) -> np.ndarray:
+        """Errors (n, samples, channels) that all samples have in common, each of the size of a standard deviation."""
+        return self._simulated.common
 
     def spectra(self, count: int) -> np.ndarray:
         """Cross-spectra (f, channels, channels) of the weighted errors of `count` samples, in units of white noise."""
-        if self.known:
-            return np.zeros((count // 2 + 1, len(self._channels), len(self._channels)))
-        lines = np.fft.rfft(self._without_common(self._first_errors)[:, :count], axis=1) / np.sqrt(count)
+        lines = np.fft.rfft(self._simulated.rest[:, :count], axis=1) / np.sqrt(count)
         found = np.einsum("nfa,nfb->fab", lines, np.conj(lines)) / len(lines)
         return uniform_filter1d(found, AVERAGED_LINES, axis=0, mode="nearest")
 
@@ -102,22 +119,6 @@ class EventNoise:
         """What `count` samples add to the covariance of the channels' own noise, (f, channels, channels)."""
         lowered = np.mean(1.0 - self.weights**2, axis=0) * self._own**2  # of their noise, by the weights
         return self.spectra(count) - np.diag(lowered)
-
-    @cached_property
-    def _wide(self) -> np.ndarray:
-        """Realisations (n, samples, channels) with more noise, reduced to the size of the noise."""
-        return self._errors(WIDE, WIDENED, series=1) / WIDENED
-
-    @cached_property
-    def common(self) -> np.ndarray:
-        """Errors (n, samples, channels) that all samples have in common, each of the size of a standard deviation."""
-        if self.known or self._noise == 0.0:
-            return np.zeros((0, len(self._drive), len(self._channels)))
-        wide = self._wide
-        flat = (wide * (self.weights / self._own)).reshape(len(wide), -1)
-        mixed, squares, _ = np.linalg.svd(flat @ flat.T / len(wide), hermitian=True)
-        kept = int(np.sum(squares > max(MIN_COMMON, MIN_COMMON_RATIO * squares.mean())))
-        return np.tensordot(mixed[:, :kept].T / np.sqrt(len(wide)), wide, 1)
 
     @cached_property
     def _base(self) -> np.ndarray:
@@ -129,15 +130,15 @@ class EventNoise:
         """Realisations (n, samples, channels) of the errors but the common ones, each with the weight of its sample."""
         count = MAX_VALUES // (len(self._drive) * len(self._channels))
         errors = self._errors(min(max(count, FOR_WEIGHTS), FOR_ERRORS))
-        return self._without_common(errors).astype(np.float32)
+        errors *= self.weights
+        return self._without(self.common, errors, self.weights).astype(np.float32)
 
-    def _without_common(self, errors: np.ndarray) -> np.ndarray:
-        """Realisations (n, samples, channels) but the common errors, each with the weight of its sample."""
-        errors = errors * self.weights
-        for shape in self.common * self.weights:
+    def _without(self, common: np.ndarray, weighted: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Weighted realisations (n, samples, channels) without the common errors, in place."""
+        for shape in common * weights:
             unit = shape / self._own / np.linalg.norm(shape / self._own)
-            errors -= np.tensordot(errors / self._own, unit, 2)[:, None, None] * (unit * self._own)
-        return errors
+            weighted -= np.tensordot(weighted / self._own, unit, 2)[:, None, None] * (unit * self._own)
+        return weighted
 
     def spread(self, begin: int, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the errors do to the gradient: its realisations, and the part of its covariance that is counted already.
@@ -182,6 +183,14 @@ class EventNoise:
             except PredictionError:
                 continue
         return np.array(found or [np.zeros_like(self._base)])
+
+
+def _in_common(errors: np.ndarray, units: np.ndarray) -> np.ndarray:
+    """What realisations (n, samples, channels) of errors have in common, by their sizes in some units."""
+    flat = (errors * units).reshape(len(errors), -1)
+    mixed, squares, _ = np.linalg.svd(flat @ flat.T / len(errors), hermitian=True)
+    kept = int(np.sum(squares > max(MIN_COMMON, MIN_COMMON_RATIO * squares.mean())))
+    return np.tensordot(mixed[:, :kept].T / np.sqrt(len(errors)), errors, 1)
 
 
 def _retimed(setting: Setting, seed: int) -> Setting:
