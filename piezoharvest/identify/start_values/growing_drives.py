@@ -7,6 +7,8 @@ it goes as the drive grows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
@@ -28,20 +30,36 @@ def fit_from_small_drives(problem: Problem, model: Model, noise: Noise) -> tuple
     PredictionError
         The model cannot follow the records.
     """
-    sizes = _sizes(problem)
-    smallest = min((size for size in sizes if size > 0.0), default=1.0)
-    stages = [0 if size == 0.0 else int(np.log(size / smallest) / np.log(GROWTH) + 1e-9) for size in sizes]
+    stages = _stages(problem)
     known: dict[int, np.ndarray] = {}
     levels = sorted(set(stages))
     for level in levels[:-1]:
         chosen = [k for k, stage in enumerate(stages) if stage <= level]
-        part = Problem([problem.data[k] for k in chosen], problem.nominal, problem.offset_channels)
+        part = of_records(problem, chosen)
         nuisance = [known.get(k, own) for k, own in zip(chosen, part.start(model), strict=True)]
         found = fit(part, model, nuisance, noise, estimate_noise=False, enough=ENOUGH)
         model, known = found.model, dict(zip(chosen, found.nuisance, strict=True))
     if not known:
         return None
     return model, tuple(known.get(k, own) for k, own in enumerate(problem.start(model)))
+
+
+def of_records(problem: Problem, chosen: Sequence[int]) -> Problem:
+    """The same problem with some of its records."""
+    return Problem([problem.data[k] for k in chosen], problem.nominal, problem.offset_channels, problem.beliefs)
+
+
+def with_smaller_drives(problem: Problem) -> tuple[int, ...]:
+    """Numbers of the records without those of the largest drives; none where all drives are about equally large."""
+    stages = _stages(problem)
+    return tuple(k for k, stage in enumerate(stages) if stage < max(stages))
+
+
+def _stages(problem: Problem) -> list[int]:
+    """How often the drive has grown by a factor since the smallest one, for each record."""
+    sizes = _sizes(problem)
+    smallest = min((size for size in sizes if size > 0.0), default=1.0)
+    return [0 if size == 0.0 else int(np.log(size / smallest) / np.log(GROWTH) + 1e-9) for size in sizes]
 
 
 def _sizes(problem: Problem) -> list[float]:
