@@ -7,7 +7,7 @@ it visits other inputs, and neither scores nor fits from there tell the place. U
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,11 +21,8 @@ from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.start_values.growing_drives import of_records, with_smaller_drives
-from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.identify.start_values.growing_drives import SmallerDrives
 from piezoharvest.predict.prediction import PredictionError
-
-ENOUGH = 10.0  # of -2 ln L: predicted decrease at which a fit that only gives start values ends
 
 
 def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
@@ -40,81 +37,48 @@ def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]
         Of the model without it.
     progress : callable
     """
-    chosen = with_smaller_drives(problem)
-    part = of_records(problem, chosen)
-    if not chosen or mean_square(start) < thresholds.LARGE_MISFIT or problem.needs_engine or not can_search(part):
+    smaller = SmallerDrives.of(problem)
+    large = mean_square(start) > thresholds.LARGE_MISFIT
+    if smaller is None or not large or problem.needs_engine or not can_search(smaller.part):
         return None
-    less = _alone(part, start)
+    part, less = smaller.part, smaller.fitted(start.model, start.noise)
     if less is None or mean_square(less) < 1.0 + thresholds.MUCH_LEFT:
         return None
     progress(f"{', '.join(data.name for data in part.data)}: the drive is smaller, so that laws are sought there first")
     found = search_growing(part, less, progress) or search(part, less, progress)
-    grown = None if found is None else _grown(_Growth(problem, start, chosen), found)
+    grown = None if found is None else _of_all(smaller, start, found)
     if found is not None and grown is None:
         progress("that explains little of the records with larger drives")
     return grown
 
 
-def _alone(part: Problem, start: Fit) -> Fit | None:
-    """Fit of the same model to some of the records, from the nominal values; None where it has no solution."""
-    model, transducer = start.model, start.model.transducer
-    for parameter in model.parameters:
-        if parameter.path[0] != "effects":
-            transducer = put(transducer, parameter.path, value_at(part.nominal, parameter.path))
-    try:
-        return fit(part, replace(model, transducer=transducer), noise=start.noise, estimate_noise=False, enough=ENOUGH)
-    except (PredictionError, np.linalg.LinAlgError):
-        return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Growth:
-    """From laws that some records show to all records.
-
-    Attributes
-    ----------
-    problem : Problem
-    start : Fit
-        Without a law.
-    chosen : tuple of int
-        Numbers of the records that show the laws.
-    """
-
-    problem: Problem
-    start: Fit
-    chosen: tuple[int, ...]
-
-    def fitted(self, law: LawFit, aim: float = np.inf) -> LawFit | None:
-        """Fit of all records with a law of some; None where the model has no solution."""
-        model = law.found.model
-        nuisance = list(self.problem.start(model))
-        for k, own in zip(self.chosen, law.found.nuisance, strict=True):
-            nuisance[k] = own
-        try:
-            found = fit(
-                self.problem, model, nuisance, self.start.noise, white=self.start.white, estimate_noise=False,
-                enough=FIT_TOLERANCE, most=ITERATIONS, aim=aim,
-            )  # fmt: skip
-        except (PredictionError, ParameterError, np.linalg.LinAlgError):
-            return None
-        visited = visited_inputs(self.problem, found)[law.place.input] if law.law.memory is None else law.visited
-        return LawFit(found, visited)
-
-
-def _grown(growth: _Growth, found: Found) -> Found | None:
+def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     """What some of the records show, fitted to all; None where it explains little of these."""
-    problem, start = growth.problem, growth.start
-    best = growth.fitted(found.best)
+    problem, best = smaller.problem, _fitted(smaller, start, found.best)
     if best is None or excess_of(best.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
     table = best if best.law.memory is not None else as_table(problem, best)
     if table is None:
         return None
-    forms = ranked(problem, table) if table is not best else [best]
+    forms = [best] if table is best else ranked(problem, table)
     aim = table.evidence + thresholds.CLOSE_COST
-    rivals = [growth.fitted(each, aim) for each in found.rivals]
+    rivals = [_fitted(smaller, start, each, aim) for each in found.rivals]
     best = with_its_noise(problem, forms[0])
     return replace(
         found, best=best, table=table, rivals=tuple(best_of([each for each in rivals if each is not None])),
         start=start, forms=tuple(forms), known=named(problem, best),
     )  # fmt: skip
+
+
+def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf) -> LawFit | None:
+    """Fit of all records with a law of some; None where the model has no solution."""
+    problem, model = smaller.problem, law.found.model
+    try:
+        found = fit(
+            problem, model, smaller.nuisance_of_all(law.found), start.noise, white=start.white, estimate_noise=False,
+            enough=FIT_TOLERANCE, most=ITERATIONS, aim=aim,
+        )  # fmt: skip
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    visited = law.visited if law.law.memory is not None else visited_inputs(problem, found)[law.place.input]
+    return LawFit(found, visited)
