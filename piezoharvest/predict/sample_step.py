@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import factorial
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from piezoharvest.predict.elements import outputs_of
+from piezoharvest.predict.parameters import STEP
 from piezoharvest.predict.record_model import STOP, Matrices
 
 MAX_ITERATIONS = 50  # iterations to an equilibrium
@@ -96,14 +98,41 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
     kinds, places, parameters = several[0].kinds, several[0].places, np.array([each.parameters for each in several])
     inverses = inverse - 1j * (inverse @ np.imag(A) @ inverse)
     e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
-    forced = _applied(B, e)
-    w, z = stops, np.zeros(A.shape[:2], complex)
-    for _ in range(MAX_ITERATIONS):
-        before, z = z, -_applied(inverses, forced + _applied(W, w))
-        if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
+    forced, bent = _applied(B, e), kinds != STOP
+
+    def states(w: np.ndarray, k: slice) -> np.ndarray:
+        return -_applied(inverses[k], forced[k] + _applied(W[k], w))
+
+    def missing(w: np.ndarray, k: slice) -> np.ndarray:
+        """By how much elements give more than `w` in the states that follow from it."""
+        seen = _applied(O[k], np.hstack([states(w, k), w, e[k]]))
+        return outputs_of(kinds, places, parameters[k], seen, w) - w
+
+    every, w, nearest, move = slice(None), stops.astype(complex), np.inf, np.zeros(stops.shape, complex)
+    for _ in range(MAX_ITERATIONS if np.any(bent) else 0):
+        miss, z = missing(w, every), states(w, every)
+        off = np.abs(_applied(inverses, _applied(W, miss)))[0].max()
+        if off < nearest:
+            nearest, move = off, _newton(missing, w, miss, bent)
+            w = w + move
+        else:  # too far, where slopes fall
+            move = 0.5 * move
+            w = w - move
+        if off <= 1e-14 * np.abs(z[0]).max():  # the last step was that of the small complex parts
             break
-        w = outputs_of(kinds, places, parameters, _applied(O, np.hstack([z, w, e])), w)
-    return z
+    return states(w, every)
+
+
+def _newton(missing: Callable[..., np.ndarray], w: np.ndarray, miss: np.ndarray, bent: np.ndarray) -> np.ndarray:
+    """Change of the outputs (k, elements) of elements without memory, with the slopes of the first, real system."""
+    move = np.zeros_like(w)
+    if not np.any(miss):
+        return move
+    turned = np.real(w[0]) + 1j * STEP * np.eye(len(bent))[bent]
+    slopes = np.column_stack([np.imag(missing(each[None], slice(1))[0, bent]) for each in turned]) / STEP
+    with suppress(np.linalg.LinAlgError):  # of a trial model without an equilibrium
+        move[:, bent] = np.linalg.solve(slopes, -miss[:, bent].T).T
+    return move
 
 
 def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,14 +16,16 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import as_table, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
-from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, LawFit, best_of
-from piezoharvest.diagnose.discovery.search import Found, can_search, search, with_its_noise
+from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of
+from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_its_noise
 from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.growing_drives import SmallerDrives
 from piezoharvest.predict.prediction import PredictionError
+
+ALIKE = 10  # formulas that are fitted where drives are small: where a law bends little, many are about the same
 
 
 def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
@@ -54,20 +57,33 @@ def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]
 
 def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     """What some of the records show, fitted to all; None where it explains little of these."""
-    problem, best = smaller.problem, _fitted(smaller, start, found.best)
-    if best is None or excess_of(best.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
+    problem, grow = smaller.problem, partial(_fitted, smaller, start)
+    grown: list[LawFit] = []
+    for each in _close_forms(smaller.part, found):
+        aim = min((one.found.cost for one in grown), default=np.inf) + thresholds.CLOSE_COST
+        grown += [law for law in [grow(each, aim)] if law is not None]
+    first = min(grown, key=lambda each: each.criterion, default=None)
+    if first is None or excess_of(first.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
-    table = best if best.law.memory is not None else as_table(problem, best)
+    table = first if first.law.memory is not None else as_table(problem, first)
     if table is None:
         return None
-    forms = [best] if table is best else ranked(problem, table)
-    aim = table.evidence + thresholds.CLOSE_COST
-    rivals = [_fitted(smaller, start, each, aim) for each in found.rivals]
+    formulas = [each for each in grown if not isinstance(each.form, TABLES) and each.found.converged]
+    if table.law.memory is None and not any(each.criterion < table.criterion for each in formulas):
+        formulas = ranked(problem, table)[:-1]
+    forms = sorted((table, *formulas), key=lambda each: each.criterion)
+    rivals = [grow(each, table.evidence + thresholds.CLOSE_COST) for each in found.rivals]
     best = with_its_noise(problem, forms[0])
     return replace(
         found, best=best, table=table, rivals=tuple(best_of([each for each in rivals if each is not None])),
         start=start, forms=tuple(forms), known=named(problem, best),
     )  # fmt: skip
+
+
+def _close_forms(part: Problem, found: Found) -> list[LawFit]:
+    """Forms of a law that some of the records do not tell apart: others may."""
+    forms = ranked(part, found.table, ALIKE) if found.table.law.memory is None else list(found.forms)
+    return [each for each in forms if each.criterion < forms[0].criterion + MIN_SCORE]
 
 
 def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf) -> LawFit | None:

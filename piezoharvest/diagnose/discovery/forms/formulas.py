@@ -80,12 +80,16 @@ def candidates(table: LawFit) -> list[FittedFormula]:
     return sorted(found, key=lambda each: each.criterion)
 
 
-def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
-    """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
+def ranked(problem: Problem, table: LawFit, most: int = 0) -> list[LawFit]:
+    """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first.
+
+    At least `most` of the formulas closest to the table are fitted.
+    """
     tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
-    most = REFITTED_BEYOND_TABLE if coarse else REFITTED
-    most *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
+    count = REFITTED_BEYOND_TABLE if coarse else REFITTED
+    count *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
+    most = max(most, count)
     every = candidates(table) if isinstance(table.form, TABLES) else []
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
     for each in some:
