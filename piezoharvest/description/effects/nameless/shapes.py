@@ -47,21 +47,21 @@ class Shape(Curve):
 
     def values(self, x: np.ndarray) -> Array:
         z = np.asarray(x) / self.scale
-        return self.factor * (CURVES[self.curve](z) - self._slope * z)
+        return self.factor * (CURVES[self.curve](z) - self.left_out * z)
 
     @property
     def proportional(self) -> Any:
-        return -self.factor * self._slope / self.scale
+        return -self.factor * self.left_out / self.scale
 
     @property
-    def _slope(self) -> float:
-        """Slope of the linear part that is left out."""
+    def left_out(self) -> float:
+        """Slope of the linear part of g that is left out: zero where none is."""
         return SLOPES_AT_REST[CODES[self.curve]] if self.bent else 0.0
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         z = (1.0 / self.scale) * x
         found = self.factor * specimen.curve(self.curve, z)
-        return found - (self.factor * self._slope) * z if self.bent else found
+        return found - (self.factor * self.left_out) * z if self.bent else found
 
 
 @dataclass(frozen=True, kw_only=True)
