@@ -6,7 +6,7 @@ it visits other inputs, and neither scores nor fits from there tell the place. U
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -19,12 +19,14 @@ from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of
 from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_its_noise
 from piezoharvest.diagnose.discovery.visited import visited_inputs
-from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit
+from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.growing_drives import SmallerDrives
 from piezoharvest.predict.prediction import PredictionError
 
+NEAR = 10.0  # of the lowest misfit: a fit that was stopped below that is continued to its end
 ALIKE = 10  # formulas that are fitted where drives are small: where a law bends little, many are about the same
 
 
@@ -58,10 +60,10 @@ def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]
 def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     """What some of the records show, fitted to all; None where it explains little of these."""
     problem, grow = smaller.problem, partial(_fitted, smaller, start)
-    grown: list[LawFit] = []
-    for each in _close_forms(smaller.part, found):
-        aim = min((one.found.cost for one in grown), default=np.inf) + thresholds.CLOSE_COST
-        grown += [law for law in [grow(each, aim)] if law is not None]
+    # None is given up: in another motion than the records' a fit may go on slowly for a while, and end well.
+    grown = [law for law in map(grow, _close_forms(smaller.part, found)) if law is not None]
+    least = min((law.found.cost for law in grown), default=0.0)
+    grown = [_ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
     first = min(grown, key=lambda each: each.criterion, default=None)
     if first is None or excess_of(first.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
@@ -88,13 +90,27 @@ def _close_forms(part: Problem, found: Found) -> list[LawFit]:
 
 def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf) -> LawFit | None:
     """Fit of all records with a law of some; None where the model has no solution."""
-    problem, model = smaller.problem, law.found.model
+    nuisance = smaller.nuisance_of_all(law.found)
     try:
-        found = fit(
-            problem, model, smaller.nuisance_of_all(law.found), start.noise, white=start.white, estimate_noise=False,
-            enough=FIT_TOLERANCE, most=ITERATIONS, aim=aim,
-        )  # fmt: skip
+        found = _fit(smaller.problem, start, law.found.model, nuisance, ITERATIONS, aim)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
-    visited = law.visited if law.law.memory is not None else visited_inputs(problem, found)[law.place.input]
+    visited = visited_inputs(smaller.problem, found)[law.place.input] if law.law.memory is None else law.visited
     return LawFit(found, visited)
+
+
+def _ended(problem: Problem, start: Fit, law: LawFit) -> LawFit:
+    """A fit that was not at its end, continued."""
+    if law.found.converged:
+        return law
+    return LawFit(_fit(problem, start, law.found.model, law.found.nuisance, MAX_ITERATIONS), law.visited)
+
+
+def _fit(
+    problem: Problem, start: Fit, model: Model, nuisance: Sequence[np.ndarray], most: int, aim: float = np.inf
+) -> Fit:
+    """Fit with the noise and the whitening of that without a law."""
+    return fit(
+        problem, model, nuisance, start.noise, white=start.white, estimate_noise=False, enough=FIT_TOLERANCE,
+        most=most, aim=aim,
+    )  # fmt: skip
