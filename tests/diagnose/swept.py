@@ -42,11 +42,14 @@ def noisy(values, share, rng, kind):
     return values + size * white
 
 
-def campaign(kind, seed, amplitudes=(0.1, 0.5, 0.25), read=lambda voltage: voltage, **faults):
+def campaign(kind, seed, amplitudes=(0.1, 0.5, 0.25), read=lambda voltage: voltage, crosstalk=None, **faults):
+    """Two fitted records and one that is not; `crosstalk`: what a displacement's reading has of (time, voltage)."""
     rng, records = np.random.default_rng(seed), []
     shares = {"force_N": 0.0 if kind == "of the reading" else 1e-3, "displacement_m": 5e-3, "voltage_V": 5e-3}
     for n, (amplitude, sweep) in enumerate(zip(amplitudes, SWEEPS, strict=True)):
         time, exact = motion(amplitude, sweep, **faults)
+        if crosstalk is not None:
+            exact["displacement_m"] = exact["displacement_m"] + crosstalk(time, exact["voltage_V"])
         exact["voltage_V"] = read(exact["voltage_V"])
         measured = {name: noisy(values, shares[name], rng, kind) for name, values in exact.items()}
         role = "validate" if n == len(amplitudes) - 1 else "fit"
