@@ -33,35 +33,39 @@ def whiteners(
 
 
 def sums_of(
-    problem: Problem,
-    model: Model,
-    nuisance: Sequence[np.ndarray],
-    white: Sequence[Whitener | ResponseWeights],
-    scatter: bool = False,
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
 ) -> tuple[Sums, ...]:
-    """Sums of all records, with the scatter by rounded sensors if required.
+    """Sums of all records.
 
     Raises
     ------
     PredictionError
         The model cannot follow a record.
     """
-    if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
-        found = (white[0].sums(model, nuisance[0], scatter),)
-        model.forget()
-        return found
     for data in problem.data:
         if isinstance(data, Data) and not by_engine(data.setting):
             model.lowered(data)
-    found = map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
+    found = map_records(lambda each, mine: each.sums(model, mine), white, nuisance)
+    model.forget()
+    return found
+
+
+def scattered_sums(
+    model: Model, nuisance: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
+) -> tuple[Sums, ...]:
+    """Sums of all records of a model that was evaluated before, with the scatter of the gradient."""
+    found = map_records(lambda each, mine: each.sums(model, mine, scatter=True), white, nuisance)
     model.forget()
     return found
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
     """Results of a function for every record and its arguments, as many at a time as there are cores."""
+    arguments = list(zip(*each, strict=True))
+    if len(arguments) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
+        return (function(*arguments[0]),)
     with ThreadPoolExecutor(cores()) as pool:
-        return tuple(pool.map(function, *each))
+        return tuple(pool.map(function, *zip(*arguments, strict=True)))
 
 
 def total_information(
