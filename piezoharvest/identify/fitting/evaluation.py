@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,17 +20,28 @@ from piezoharvest.threads import cores
 
 R = TypeVar("R")
 
+_LAST: WeakKeyDictionary[Problem, tuple[Any, tuple[Whitener | ResponseWeights, ...]]] = WeakKeyDictionary()
+
 
 def whiteners(
     problem: Problem, model: Model, nuisance: Sequence[np.ndarray], noise: Noise
 ) -> tuple[Whitener | ResponseWeights, ...]:
-    """Whiteners of all records, from a model that need not be the best."""
-    return tuple(
-        ResponseWeights(noise.sigma[data.name], data)
-        if isinstance(data, FrequencyData)
-        else Whitener(prediction_of(model, data, mine), noise, data)
-        for data, mine in zip(problem.data, nuisance, strict=True)
-    )
+    """Whiteners of all records, from a model that need not be the best.
+
+    The last ones are kept: the next descent often begins where one has ended, and behind a switch they take as long.
+    """
+    kinds = model.relaxed, model.at_rest, model.felt
+    what = model.transducer, kinds, noise, [each.tobytes() for each in nuisance]
+    known, found = _LAST.get(problem, (None, ()))
+    if known != what:
+        found = tuple(
+            ResponseWeights(noise.sigma[data.name], data)
+            if isinstance(data, FrequencyData)
+            else Whitener(prediction_of(model, data, mine), noise, data)
+            for data, mine in zip(problem.data, nuisance, strict=True)
+        )
+        _LAST[problem] = what, found
+    return found
 
 
 def sums_of(
