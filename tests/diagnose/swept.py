@@ -2,7 +2,8 @@
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, chirp, lfilter
+from scipy.signal import butter, lfilter
+from sweeps import linear_sweep
 
 from piezoharvest import Campaign
 
@@ -16,9 +17,10 @@ def motion(amplitude, sweep, leakage=np.inf, spring=lambda x: 0.0):
     """Force, displacement and voltage by an explicit Runge-Kutta method of order 8; `spring` is a force beside k x."""
     m, b, k, coupling, c = TRUE.values()
     time, ohm = np.arange(round(RATE * DURATION)) / RATE, 1.0 / (1.0 / LOAD + 1.0 / leakage)
+    shape = linear_sweep(sweep[0], DURATION, sweep[1])
 
     def force(t):
-        return amplitude * chirp(t, sweep[0], DURATION, sweep[1])
+        return amplitude * shape(t)
 
     def rates(t, y):
         x, v, u = y
