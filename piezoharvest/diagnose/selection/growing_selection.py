@@ -40,7 +40,7 @@ def select(trials: CandidateFits) -> Search:
 
 
 def _from_smaller_drives(trials: CandidateFits) -> Search | None:
-    """The search for all records from what those with smaller drives show; None where all are about equally large."""
+    """The search for all records from what those with smaller drives show; None where they show no explanation."""
     base, smaller = trials.base, SmallerDrives.of(trials.problem)
     less = smaller and smaller.fitted(base.model, base.noise)
     if smaller is None or less is None:
@@ -48,6 +48,8 @@ def _from_smaller_drives(trials: CandidateFits) -> Search | None:
     names = ", ".join(data.name for data in smaller.part.data)
     trials.progress(f"{names}: the drive is smaller, so that effects are sought there first")
     shown = select(CandidateFits(smaller.part, less, trials.library, trials.progress, trials.held))
+    if shown.left:  # what no effect explains there, none will where drives are larger
+        return None
     begun = fit(
         trials.problem, shown.final.model, smaller.nuisance_of_all(shown.final), base.noise, white=base.white,
         estimate_noise=False, enough=FIT_TOLERANCE, most=MAX_ITERATIONS if shown.order else KEPT_AS_THEY_ARE,

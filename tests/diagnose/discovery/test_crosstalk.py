@@ -27,7 +27,8 @@ def found_in(numerator, denominator, seed):
     return discovery.law
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_low_frequencies_of_the_voltage(seed):
     law = found_in([1.0], [TIME_CONSTANT, 1.0], seed)
     assert isinstance(law.memory, Relaxation) and not law.memory.behind
@@ -43,7 +44,6 @@ def test_high_frequencies_of_the_voltage():
     assert law.form.factor == pytest.approx(-SIZE, rel=0.02)
 
 
-@pytest.mark.slow
 def test_a_resonance_that_the_voltage_excites():
     law = found_in([OMEGA**2], [1.0, 2.0 * DAMPING * OMEGA, OMEGA**2], 4)
     assert isinstance(law.memory, Resonance)
