@@ -26,7 +26,7 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.growing_drives import SmallerDrives
 from piezoharvest.predict.prediction import PredictionError
 
-NEAR = 10.0  # of the lowest misfit: a fit that was stopped below that is continued to its end
+NEAR = 100.0  # of the lowest misfit: a fit that was stopped below that is continued to its end
 ALIKE = 10  # formulas that are fitted where drives are small: where a law bends little, many are about the same
 
 
