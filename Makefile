@@ -30,6 +30,9 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
 
+# Where it is set, each of the hundreds of processes that tests start would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 # One process runs all tests of a file, so that what they share is made once.
 test: .venv/.tested
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m 'not slow'

@@ -22,10 +22,8 @@ from piezoharvest.diagnose.residual_structure.residual_tests import whitened_squ
 from piezoharvest.diagnose.result import Diagnosis, Named
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
-from piezoharvest.diagnose.selection.stepwise_selection import (
-    Search,
-    Searcher,
-)
+from piezoharvest.diagnose.selection.growing_selection import select
+from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import (
     dominant_record,
     failed_on,
@@ -251,7 +249,7 @@ def _diagnose_roles(
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
     progress(Step("scoring the effects"))
     trials = CandidateFits(problem, before.found, library, progress, before.held)
-    search = Searcher(trials).run()
+    search = select(trials)
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [whitened_squares(unseen, each) for each in checks]
     named = named_effects(campaign, before, trials, search, squares)

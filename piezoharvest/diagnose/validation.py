@@ -16,7 +16,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Sums
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.output_error import fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.preparation import prepared
@@ -77,26 +77,35 @@ def _validated(
             if fits
             else _identified_nuisance(problem, before, model)
         ]
-        if any(len(one.setting.jumps) for one in data if isinstance(one, Data)):
-            starts.append(problem.start(model))  # a local minimum beside the true time of a drive's jump is possible
-        white = fits[0].white if fits else None
-        try:
-            fits.append(_best_fit(problem, model, starts, noise, white))
-        except PredictionError:
-            if any(one.role != "fit" for one in data):
-                raise
-            fits.append(_best_fit(problem, model, [each.nuisance], noise, white))  # from where it follows the records
+        # A local minimum beside the true time of a drive's jump is possible, and one in the motion that a model before
+        # had, which was far off.
+        jumps = any(len(one.setting.jumps) for one in data if isinstance(one, Data))
+        starts += [problem.start(model)] if jumps or each is not before.found else []
+        starts += [each.nuisance] if all(one.role == "fit" for one in data) else []
+        fits.append(_best_fit(problem, model, starts, noise, fits[0].white if fits else None))
     return problem, fits
 
 
 def _best_fit(
     problem: Problem, model: Model, starts: Sequence[tuple[np.ndarray, ...]], noise: Noise, white: Whiteners | None
 ) -> Fit:
-    """The best fit of the nuisance parameters from several starts."""
-    tried = (
-        fit(problem, model, nuisance, noise, white=white, estimate_noise=False, enough=FIT_TOLERANCE)
-        for nuisance in starts
-    )
+    """The best fit of the nuisance parameters from several starts, as far as the first ones leave much.
+
+    Raises
+    ------
+    PredictionError
+        From none of them the model can follow the records.
+    """
+    tried: list[Fit] = []
+    for n, nuisance in enumerate(starts):
+        try:
+            tried.append(fit(problem, model, nuisance, noise, white=white, estimate_noise=False, enough=FIT_TOLERANCE))
+        except PredictionError:
+            if n == len(starts) - 1 and not tried:
+                raise
+            continue
+        if mean_square(tried[-1]) < 1.0 + thresholds.MUCH_LEFT:
+            break
     return min(tried, key=lambda each: each.cost)
 
 

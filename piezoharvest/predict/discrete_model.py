@@ -13,8 +13,8 @@ from piezoharvest.description.effects.nameless.sizes import RecordSizes
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.drive import JUMP_PARTS, PolynomialDrive, drive_of, size_of
-from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
-from piezoharvest.predict.record_model import Matrices, RecordModel
+from piezoharvest.predict.parameters import STEP, Parameter, stepped_in_each
+from piezoharvest.predict.record_model import VARYING, Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
 from piezoharvest.records.gate import Edges
 from piezoharvest.records.harmonics import Harmonics
@@ -144,7 +144,7 @@ class DiscreteModel:
         self.share = 1.0 / max(setting.count - 1, 1)
         self.shared: dict[Hashable, Any] = {}  # results that depend on the equations alone
         self._steps: dict[int, SampleStep] = {}
-        self._tangent_steps: dict[int, list[SampleStep]] = {}
+        self._tangent_steps: dict[int, SampleStep] = {}
         self.step = self.step_by(1)
         self.inverse = inverse_of(self.matrices)
 
@@ -159,13 +159,16 @@ class DiscreteModel:
         return RecordModel(transducer, setting.shunt, setting.drive, setting.sample_time, setting.size).matrices()
 
     @cached_property
-    def tangents(self) -> list[Matrices]:
-        """Equations with a complex step in each parameter, one set per parameter."""
-        found = []
-        for parameter in self.parameters:
-            inner = parameter.inner(value_at(self.transducer, parameter.path))
-            found.append(_magnified(self._matrices(stepped(self.transducer, parameter, inner))))
-        return found
+    def tangents(self) -> Matrices:
+        """Equations of several specimens: each with a complex step in one of the parameters."""
+        found, count = self._matrices(stepped_in_each(self.transducer, self.parameters)), len(self.parameters)
+
+        def magnified(name: str) -> np.ndarray:
+            value = getattr(self.matrices, name)
+            steps = np.broadcast_to(np.imag(getattr(found, name)), (count, *value.shape))
+            return value + 1j * (steps * (MAGNIFIED / STEP))
+
+        return replace(self.matrices, **{name: magnified(name) for name in VARYING})
 
     def step_by(self, parts: int) -> SampleStep:
         """Step over one of `parts` parts of a sample."""
@@ -173,22 +176,11 @@ class DiscreteModel:
             self._steps[parts] = self._discretised(self.matrices, parts)
         return self._steps[parts]
 
-    def tangent_steps(self, parts: int) -> list[SampleStep]:
-        """As `step_by`, with a complex step in each parameter."""
+    def tangent_steps(self, parts: int) -> SampleStep:
+        """As `step_by`, of `tangents`."""
         if parts not in self._tangent_steps:
-            self._tangent_steps[parts] = [self._discretised(tangent, parts) for tangent in self.tangents]
+            self._tangent_steps[parts] = self._discretised(self.tangents, parts)
         return self._tangent_steps[parts]
 
     def _discretised(self, matrices: Matrices, parts: int) -> SampleStep:
         return step_of(matrices, self.setting.sample_time / parts, self.share / parts)
-
-
-def _magnified(matrices: Matrices) -> Matrices:
-    """Matrices with a complex step of another size."""
-
-    def grown(array: np.ndarray) -> np.ndarray:
-        return np.real(array) + 1j * (np.imag(array) * (MAGNIFIED / STEP))
-
-    return replace(
-        matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters", "follow")}
-    )

@@ -152,3 +152,14 @@ def put(component: Any, path: Path, value: Any) -> Any:
 def stepped(transducer: Transducer, parameter: Parameter, inner: float) -> Transducer:
     """Transducer with a complex step of the variable."""
     return put(transducer, parameter.path, parameter.outer(inner + 1j * STEP))
+
+
+def stepped_in_each(transducer: Transducer, parameters: Sequence[Parameter]) -> Transducer:
+    """As many transducers as parameters, each with a complex step of one: values of parameters are columns of these."""
+    several = transducer
+    for k, parameter in enumerate(parameters):
+        value = value_at(transducer, parameter.path)
+        column = np.full((len(parameters), 1), value, complex)
+        column[k] = parameter.outer(parameter.inner(value) + 1j * STEP)
+        several = put(several, parameter.path, column)
+    return several

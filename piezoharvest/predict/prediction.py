@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -14,7 +15,7 @@ from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, Settin
 from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, divided, rise_steps
 from piezoharvest.predict.pace import Pace, pace_of, padded
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.record_model import STOP, Matrices
+from piezoharvest.predict.record_model import STOP, VARYING, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
 from piezoharvest.predict.segments import NO_RISE, Propagation
 
@@ -147,14 +148,15 @@ class Prediction:
         return self._slopes(self.step, self._lowered.tangent_steps(1))
 
     @np.errstate(over="ignore")  # as in `step_of`
-    def _slopes(self, step: SampleStep, found: Sequence[SampleStep]) -> SampleStep:
-        count = len(self.nuisance_names)
-        return SampleStep(*(
-            np.stack([*(np.imag(getattr(varied, name)) / MAGNIFIED for varied in found),
-                      *[np.zeros(getattr(step, name).shape)] * count], axis=-1)
-            if found or count else np.zeros((*getattr(step, name).shape, 0))
-            for name in SampleStep._fields
-        ))  # fmt: skip
+    def _slopes(self, step: SampleStep, tangents: SampleStep) -> SampleStep:
+        count = len(self.parameters)
+
+        def slopes(name: str) -> np.ndarray:
+            found = np.zeros((*getattr(step, name).shape, count + len(self.nuisance_names)))
+            found[..., :count] = np.moveaxis(np.imag(getattr(tangents, name)), 0, -1) / MAGNIFIED
+            return found
+
+        return SampleStep(*map(slopes, SampleStep._fields))
 
     def steps(self, parts: int, derivatives: bool) -> tuple[SampleStep, SampleStep]:
         """Step over a part of a sample, and its derivatives, which are empty unless requested."""
@@ -165,33 +167,31 @@ class Prediction:
 
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Initial scaled states and their derivatives; initial outputs of the elements and theirs."""
-        tangents = self._lowered.tangents if derivatives else []
-        several = [self.matrices, *tangents, *[self.matrices] * (len(self.nuisance) * derivatives)]
-        nuisance = np.tile(self.nuisance.astype(complex), (len(several), 1))
-        steps = nuisance[1 + len(tangents) :]
+        further, count = (self._lowered.tangents, len(self.parameters)) if derivatives else (None, 0)
+        several = _several(self.matrices, further, len(self.nuisance) * derivatives)
+        nuisance = np.tile(self.nuisance.astype(complex), (len(several.A), 1))
+        steps = nuisance[1 + count :]
         steps += 1j * MAGNIFIED * np.eye(len(steps), len(self.nuisance))
         start = self._begun(several, nuisance)
         slopes = np.imag(start[1:]).T / MAGNIFIED
         (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (np.real(start[0]), slopes))
         return z, dz, w, dw
 
-    def _begun(self, several: Sequence[Matrices], nuisance: np.ndarray) -> np.ndarray:
+    def _begun(self, several: Matrices, nuisance: np.ndarray) -> np.ndarray:
         """Initial scaled states and outputs of the elements, (k, n + elements), of k equations."""
-        count, matrices = len(several), self.matrices
+        count, matrices = len(several.A), self.matrices
         off, w = np.zeros((count, len(matrices.states)), complex), np.zeros((count, len(matrices.kinds)), complex)
         states, rest = np.split(nuisance, [len(self.free)], axis=1)
         off[:, self.free] = states / matrices.scale[self.free]
         if self.free and self.swift:
-            A = np.array([each.A for each in several])[:, self.swift]
+            A = several.A[:, self.swift]
             pushed = A[:, :, self.free] @ off[:, self.free, None]
             off[:, self.swift] = -np.linalg.solve(A[:, :, self.swift], pushed)[:, :, 0]
         first = np.full(count, self.setting.first, complex)
         if self.setting.abrupt:
             first, rest = rest[:, 0], rest[:, 1:]
-        parameters = np.array([each.parameters for each in several]).reshape(w.shape)
-        w[:, self.stops] = rest[:, : len(self.stops)] * parameters[:, self.stops]
-        follow = np.array([each.follow for each in several])
-        z = equilibria(several, self._lowered.inverse, first, w) + (follow @ off[:, :, None])[:, :, 0]
+        w[:, self.stops] = rest[:, : len(self.stops)] * several.parameters[:, self.stops]
+        z = equilibria(several, self._lowered.inverse, first, w) + (several.follow @ off[:, :, None])[:, :, 0]
         return np.hstack([z, w])
 
     def shared(self, key: Hashable, made: Callable[[], _T]) -> _T:
@@ -254,6 +254,17 @@ class Prediction:
             yield Block(
                 begin + first, Y[first:], dY[first:, :, :count], None if between is None else between[first * parts :]
             )
+
+
+def _several(matrices: Matrices, tangents: Matrices | None, copies: int) -> Matrices:
+    """Equations of several specimens: a specimen, it with complex steps in each parameter, and so many copies of it."""
+
+    def stacked(name: str) -> np.ndarray:
+        value = getattr(matrices, name)
+        steps = [] if tangents is None else [getattr(tangents, name)]
+        return np.concatenate([value[None], *steps, np.broadcast_to(value, (copies, *value.shape))])
+
+    return replace(matrices, **{name: stacked(name) for name in VARYING})
 
 
 class _Propagation:

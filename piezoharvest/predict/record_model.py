@@ -55,7 +55,8 @@ class Matrices:
     """Linear part of a specimen, in states scaled to the root of energy.
 
     z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e the drive, its
-    rate, 1 and time, and w the outputs of the elements.
+    rate, 1 and time, and w the outputs of the elements. Those of several specimens that differ in complex steps only
+    have these as first axis of A, B, W, O, `parameters` and `follow`.
 
     Attributes
     ----------
@@ -96,6 +97,9 @@ class Matrices:
     own: tuple[tuple[int, int], ...] = ()
 
 
+VARYING = ("A", "B", "W", "O", "parameters", "follow")  # arrays of `Matrices` that depend on values
+
+
 class _TooNarrowError(Exception):
     """More columns are needed than rows have."""
 
@@ -106,7 +110,8 @@ class RecordModel:
     Parameters
     ----------
     transducer : Transducer
-        Its effects act in the given order.
+        Its effects act in the given order. Its values may be columns (k, 1) that differ in complex steps only: the
+        equations are then written once for all of these specimens.
     shunt : Shunt or None
         A linear circuit, or None under an imposed voltage.
     drive : str
@@ -318,7 +323,7 @@ class RecordModel:
         behind = 0.0
         for n, time_constant in enumerate(self._lags):
             behind = behind + time_constant
-            if np.real(time_constant) == 0:
+            if np.all(np.real(time_constant) == 0):
                 # To first order a lag subtracts the velocity; this suffices for a derivative.
                 self._reading = self._reading - time_constant * velocity
                 continue
@@ -339,23 +344,24 @@ class RecordModel:
     def matrices(self) -> Matrices:
         """Solve the equations for the rates and signals."""
         z, dz = [state[1] for state in self._states], [state[2] for state in self._states]
-        scale = np.array([state[3] for state in self._states])
+        # A complex step does not change a magnitude.
+        scale = np.array([np.ravel(state[3])[0] for state in self._states])
         columns = [int(np.argmax(row)) for row in [*dz, *self._signals]]
         states = [int(np.argmax(row)) for row in z]
         outs = [int(np.argmax(w)) for _, w in self._elements]
-        rows = np.array(self._equations)
-        size = np.abs(rows).max(axis=1)
+        rows = _stacked(self._equations)
+        size = np.abs(rows).max(axis=-1, keepdims=True)
         # Unknown rates and signals from states, elements and inputs.
-        solution = np.linalg.solve(rows[:, columns] / size[:, None], -rows / size[:, None])
+        solution = np.linalg.solve(rows[..., columns] / size, -rows / size)
 
         def explicit(wanted: list[Row]) -> np.ndarray:
-            full = np.array(wanted)
-            full = full + full[:, columns] @ solution
-            return np.hstack([full[:, states] * scale, full[:, outs], full[:, : len(INPUTS)]])
+            full = _stacked(wanted)
+            full = full + full[..., columns] @ solution
+            return np.concatenate([full[..., states] * scale, full[..., outs], full[..., : len(INPUTS)]], axis=-1)
 
         n, elements = len(z), [element for element, _ in self._elements]
         rates = explicit(dz) / scale[:, None]
-        inputs, places = _distinct(elements)
+        inputs, places = self._distinct(elements)
         outputs = {
             "displacement": self._reading, **self._moving, "voltage": self.v,
             "current": self.i + sum(self._conducted), "force": self._force,
@@ -364,18 +370,22 @@ class RecordModel:
             outputs[name] = outputs[name] + sum(self._read[name])
         if self.drive_name != "displacement":
             del outputs["force"]
-        rate_of = {_content(row): rate for _, row, rate, _ in self._states}
+        rate_of = {self._content(row): rate for _, row, rate, _ in self._states}
         # Inputs that are not states have no rate: only elements without memory use them.
-        slopes = [rate_of.get(_content(row), 0.0 * row) for row in inputs]
+        slopes = [rate_of.get(content, 0.0 * self.one) for content in inputs]
         channels = tuple(name for name in outputs if name != self.drive_name)
-        observed = explicit([*inputs, *slopes, *(outputs[name] for name in channels)])
-        name_of = {_content(row): name for name, row, _, _ in self._states}
-        followed = [name_of.get(_content(e.first), "drive") for e in elements if e.kind == STOP]
+        observed = explicit([*inputs.values(), *slopes, *(outputs[name] for name in channels)])
+        name_of = {self._content(row): name for name, row, _, _ in self._states}
+        contents = list(inputs)
+        followed = [
+            name_of.get(contents[first], "drive") for e, (first, _) in zip(elements, places, strict=True)
+            if e.kind == STOP
+        ]  # fmt: skip
         memories = tuple(f"history {name}{followed[:k].count(name)}" for k, name in enumerate(followed))
         w = len(elements)
         return Matrices(
-            A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
-            kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
+            A=rates[..., :n], W=rates[..., n : n + w], B=rates[..., n + w :], O=observed, scale=scale,
+            kinds=np.array([e.kind for e in elements], np.int64), parameters=_parameters(elements),
             places=places, channels=channels, states=tuple(state[0] for state in self._states),
             memories=memories, follow=self._followed(states, scale), own=tuple(self._own),
         )  # fmt: skip
@@ -383,23 +393,39 @@ class RecordModel:
     def _followed(self, states: list[int], scale: np.ndarray) -> np.ndarray:
         """`Matrices.follow`."""
         rows = [
-            self._followers[name][states] * scale / size if name in self._followers else unit
+            self._followers[name][..., states] * scale / size if name in self._followers else unit
             for (name, *_), size, unit in zip(self._states, scale, np.eye(len(scale)), strict=True)
         ]
-        return np.array(rows)
+        return _stacked(rows)
+
+    def _distinct(self, elements: list[ScalarElement]) -> tuple[dict[bytes, Row], np.ndarray]:
+        """Distinct inputs of the elements by their content, and their indices for every element."""
+        pairs = [(self._content(e.first), self._content(e.second)) for e in elements]
+        inputs: dict[bytes, Row] = {}
+        for element, (first, second) in zip(elements, pairs, strict=True):
+            inputs.setdefault(first, element.first)
+            inputs.setdefault(second, element.second)
+        order = {content: n for n, content in enumerate(inputs)}
+        places = [(order[first], order[second]) for first, second in pairs]
+        return inputs, np.array(places, np.int64).reshape(len(elements), 2)
+
+    def _content(self, row: Row) -> bytes:
+        """Key of the numbers of a row, the same for real and complex ones, one and several, zeros of either sign."""
+        numbers = row[..., : self._used] + 0.0j
+        if numbers.ndim > 1 and np.all(numbers == numbers[0]):
+            numbers = numbers[0]
+        return numbers.tobytes()
 
 
-def _content(row: Row) -> bytes:
-    """Key of a row's numbers, the same for real and complex rows and for zeros of either sign."""
-    return (row + 0.0j).tobytes()
+def _stacked(rows: Sequence[Row]) -> np.ndarray:
+    """Rows as a matrix, or as one for each of several specimens, (..., rows, columns)."""
+    several = max((row.shape[:-1] for row in rows), key=len)
+    found = np.empty((*several, len(rows), rows[0].shape[-1]), complex if any(map(np.iscomplexobj, rows)) else float)
+    for k, row in enumerate(rows):
+        found[..., k, :] = row
+    return found
 
 
-def _distinct(elements: list[ScalarElement]) -> tuple[list[Row], np.ndarray]:
-    """Distinct inputs of the elements, and their indices for every element."""
-    inputs: dict[bytes, Row] = {}
-    for element in elements:
-        for row in (element.first, element.second):
-            inputs.setdefault(_content(row), row)
-    order = {content: n for n, content in enumerate(inputs)}
-    places = [(order[_content(e.first)], order[_content(e.second)]) for e in elements]
-    return list(inputs.values()), np.array(places, np.int64).reshape(len(elements), 2)
+def _parameters(elements: Sequence[ScalarElement]) -> np.ndarray:
+    """`Matrices.parameters`."""
+    return _stacked([np.atleast_1d(element.parameter) for element in elements])[..., 0] if elements else np.zeros(0)

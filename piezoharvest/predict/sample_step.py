@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from contextlib import suppress
 from math import factorial
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from piezoharvest.predict.elements import outputs_of
+from piezoharvest.predict.parameters import STEP
 from piezoharvest.predict.record_model import STOP, Matrices
 
 MAX_ITERATIONS = 50  # iterations to an equilibrium
@@ -45,27 +47,43 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
     Parameters
     ----------
     matrices : Matrices
-        Real, or with a complex step.
+        Real, or of several specimens with complex steps, which are the first axis of the step's arrays then.
     sample_time : float
         s.
     share : float
         Step as fraction of the record.
     """
     A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
-    A = A if np.any(np.imag(A)) else np.real(A)  # an exponential of real numbers takes a quarter of the time
-    n = len(A)
-    chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), np.result_type(A, float))
-    chain[:n, :n] = A * h
-    for k in range(DEGREE + 1):
-        chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
-    top = expm(chain)[:n]
+    n = A.shape[-1]
+    top = _exponentials(A * h)
     # G[k]: integral of e^(A (h - s)) (s/h)^k ds.
-    G = [h * factorial(k) * top[:, (k + 1) * n : (k + 2) * n] for k in range(DEGREE + 1)]
-    drive, rate, one, time = B.T
+    G = [h * factorial(k) * top[..., (k + 1) * n : (k + 2) * n] for k in range(DEGREE + 1)]
+    drive, rate, one, time = (B[..., k : k + 1] for k in range(4))
     parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
     constant = G[0] @ one + share * (G[1] @ time)
-    M = np.column_stack([top[:, :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time])
+    M = np.concatenate([top[..., :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time], axis=-1)
     return SampleStep(M, G[1] @ W, matrices.O, matrices.parameters)
+
+
+def _exponentials(A: np.ndarray) -> np.ndarray:
+    """Upper rows (..., n, (DEGREE + 2) n) of the exponential of a chain of A and units, whose others are integrals.
+
+    Of several specimens those without a step in A have the same one, of real numbers.
+    """
+    n = A.shape[-1]
+    if A.ndim == 2:
+        chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), A.dtype)
+        chain[:n, :n] = A
+        for k in range(DEGREE + 1):
+            chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
+        return np.asarray(expm(chain))[:n]
+    varied = np.any(np.imag(A), axis=(1, 2))
+    found = np.empty((len(A), n, (DEGREE + 2) * n), complex)
+    if not np.all(varied):
+        found[~varied] = _exponentials(np.real(A[0]))
+    for k in np.flatnonzero(varied):
+        found[k] = _exponentials(A[k])
+    return found
 
 
 def inverse_of(matrices: Matrices) -> np.ndarray:
@@ -74,13 +92,13 @@ def inverse_of(matrices: Matrices) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """Equilibria under the first value of the drive, of a specimen and of others with small complex steps.
+def equilibria(several: Matrices, inverse: np.ndarray, first: np.ndarray, stops: np.ndarray) -> np.ndarray:
+    """Equilibria under the first value of the drive, of several specimens that differ in small complex steps.
 
     Parameters
     ----------
-    several : sequence of k Matrices
-        With complex steps.
+    several : Matrices
+        Of k specimens.
     inverse : (n, n) array
         That of the real A.
     first : (k,) array
@@ -92,18 +110,43 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
     -------
     (k, n) array
     """
-    A, B, W, O = (np.array([getattr(each, name) for each in several]) for name in ("A", "B", "W", "O"))  # noqa: E741
-    kinds, places, parameters = several[0].kinds, several[0].places, np.array([each.parameters for each in several])
-    inverses = inverse - 1j * (inverse @ np.imag(A) @ inverse)
+    inverses = inverse - 1j * (inverse @ np.imag(several.A) @ inverse)
     e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
-    forced = _applied(B, e)
-    w, z = stops, np.zeros(A.shape[:2], complex)
-    for _ in range(MAX_ITERATIONS):
-        before, z = z, -_applied(inverses, forced + _applied(W, w))
-        if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
+    forced, bent = _applied(several.B, e), several.kinds != STOP
+
+    def states(w: np.ndarray, k: slice) -> np.ndarray:
+        return -_applied(inverses[k], forced[k] + _applied(several.W[k], w))
+
+    def missing(w: np.ndarray, k: slice) -> np.ndarray:
+        """By how much elements give more than `w` in the states that follow from it."""
+        seen = _applied(several.O[k], np.hstack([states(w, k), w, e[k]]))
+        return outputs_of(several.kinds, several.places, several.parameters[k], seen, w) - w
+
+    every, w, nearest, move = slice(None), stops.astype(complex), np.inf, np.zeros(stops.shape, complex)
+    for _ in range(MAX_ITERATIONS if np.any(bent) else 0):
+        miss, z = missing(w, every), states(w, every)
+        off = np.abs(_applied(inverses, _applied(several.W, miss)))[0].max()
+        if off < nearest:
+            nearest, move = off, _newton(missing, w, miss, bent)
+            w = w + move
+        else:  # too far, where slopes fall
+            move = 0.5 * move
+            w = w - move
+        if off <= 1e-14 * np.abs(z[0]).max():  # the last step was that of the small complex parts
             break
-        w = outputs_of(kinds, places, parameters, _applied(O, np.hstack([z, w, e])), w)
-    return z
+    return states(w, every)
+
+
+def _newton(missing: Callable[..., np.ndarray], w: np.ndarray, miss: np.ndarray, bent: np.ndarray) -> np.ndarray:
+    """Change of the outputs (k, elements) of elements without memory, with the slopes of the first, real system."""
+    move = np.zeros_like(w)
+    if not np.any(miss):
+        return move
+    turned = np.real(w[0]) + 1j * STEP * np.eye(len(bent))[bent]
+    slopes = np.column_stack([np.imag(missing(each[None], slice(1))[0, bent]) for each in turned]) / STEP
+    with suppress(np.linalg.LinAlgError):  # of a trial model without an equilibrium
+        move[:, bent] = np.linalg.solve(slopes, -miss[:, bent].T).T
+    return move
 
 
 def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -12,7 +12,9 @@ from piezoharvest.description import effects, shunts
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
-from piezoharvest.predict.record_model import LEADS, STOP, RecordModel
+from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, setting_of
+from piezoharvest.predict.parameters import STEP, parameter_of, parameters_of, stepped, value_at
+from piezoharvest.predict.record_model import LEADS, STOP, VARYING, RecordModel
 
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS))
 LINEAR = {name: s for name, s in examples(shunts.registered()).items() if isinstance(s, LinearShunt)}
@@ -63,3 +65,22 @@ def test_engine_and_linear_view_are_of_the_same_equations(shunt):
     found = simulate(System(DEVICE, LINEAR[shunt]), SineForce(amplitude=small, frequency=50.3))
     assert found.converged, found.message
     assert found.displacement_amplitude == pytest.approx(small * abs(wanted.displacement[0]), rel=1e-8)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_derivatives_of_equations_written_at_once_are_those_of_each_parameter_alone(effect):
+    example = plain_examples(EFFECTS[effect], {})[0]
+    device = dataclasses.replace(DEVICE, effects=(example,))
+    fields = [f for f in dataclasses.fields(example) if f.metadata.get("unit") and getattr(example, f.name) is not None]
+    parameters = parameters_of(dataclasses.replace(device, effects=()), {"force"})
+    parameters += [parameter_of(example, field, ("effects", 0, field.name)) for field in fields]
+    load = LINEAR["resistor"]
+    setting = setting_of("force", load, SAMPLE_TIME, np.sin(np.arange(50)))
+    together = DiscreteModel(device, setting, parameters).tangents
+    for k, parameter in enumerate(parameters):
+        varied = stepped(device, parameter, parameter.inner(value_at(device, parameter.path)))
+        alone = RecordModel(varied, load, "force", SAMPLE_TIME, setting.size).matrices()
+        for name in VARYING:
+            slopes = np.imag(getattr(alone, name)) / STEP
+            found = np.imag(getattr(together, name)[k]) / MAGNIFIED
+            np.testing.assert_allclose(found, slopes, rtol=1e-12, atol=1e-14 * np.abs(slopes).max(initial=0.0))

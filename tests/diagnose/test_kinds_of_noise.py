@@ -2,59 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.signal import butter, chirp, lfilter
+from diagnose.swept import DURATION, RATE, TRUE, campaign
 
-from piezoharvest import Campaign
 from piezoharvest.diagnose import diagnose
-
-TRUE = {"mass": 0.0123, "damping": 0.21, "stiffness": 4200.0, "coupling": 2.1e-3, "capacitance": 62e-9}
-NOMINAL = {"mass": 0.0123, "damping": 0.23, "stiffness": 4284.0, "coupling": 2.04e-3, "capacitance": 60e-9}
-RATE, DURATION, LOAD = 4000.0, 1.5, 150e3  # Hz, s, ohm
-SWEEPS = [(40.0, 160.0), (60.0, 130.0), (160.0, 50.0)]  # Hz
-
-
-def motion(amplitude, sweep, leakage=np.inf, cubic=0.0):
-    """Force, displacement and voltage by an explicit Runge-Kutta method of order 8."""
-    m, b, k, coupling, c = TRUE.values()
-    time, ohm = np.arange(round(RATE * DURATION)) / RATE, 1.0 / (1.0 / LOAD + 1.0 / leakage)
-
-    def force(t):
-        return amplitude * chirp(t, sweep[0], DURATION, sweep[1])
-
-    def rates(t, y):
-        x, v, u = y
-        return [v, (force(t) - b * v - k * x - cubic * x**3 + coupling * u) / m, (-coupling * v - u / ohm) / c]
-
-    options = {"method": "DOP853", "rtol": 1e-9, "atol": [1e-12, 1e-10, 1e-8], "max_step": 1e-3}
-    x, _, u = solve_ivp(rates, (0.0, DURATION), [0, 0, 0], t_eval=time, **options).y
-    return time, {"force_N": force(time), "displacement_m": x, "voltage_V": u}
-
-
-def noisy(values, share, rng, kind):
-    """Values with noise of a share of their own standard deviation."""
-    size, white = share * values.std(), rng.standard_normal(len(values))
-    if kind == "none":
-        return values
-    if kind == "low-pass":
-        slow = lfilter(*butter(4, 0.4), white)
-        return values + size * slow / slow.std()
-    if kind == "of the reading":
-        return values + share * np.abs(values) * white + 0.1 * size * white[::-1]
-    return values + size * white
-
-
-def campaign(kind, seed, amplitudes=(0.1, 0.5, 0.25), read=lambda voltage: voltage, **faults):
-    rng, records = np.random.default_rng(seed), []
-    shares = {"force_N": 0.0 if kind == "of the reading" else 1e-3, "displacement_m": 5e-3, "voltage_V": 5e-3}
-    for n, (amplitude, sweep) in enumerate(zip(amplitudes, SWEEPS, strict=True)):
-        time, exact = motion(amplitude, sweep, **faults)
-        exact["voltage_V"] = read(exact["voltage_V"])
-        measured = {name: noisy(values, shares[name], rng, kind) for name, values in exact.items()}
-        role = "validate" if n == len(amplitudes) - 1 else "fit"
-        records.append({"data": {"time_s": time, **measured}, "load_resistance": LOAD, "role": role})
-    return Campaign.from_arrays(NOMINAL, records)
-
 
 KINDS = ["white", "low-pass", "of the reading", "none"]
 
@@ -76,7 +26,7 @@ def test_a_stiffening_is_found_beside_any_noise(kind):
     The resonance jumps in the largest record, where a fit from the linear model ended in the other stable motion:
     noise of the reading gave a law without a name, friction, or no answer in minutes.
     """
-    found = diagnose(campaign(kind, 6, cubic=3e8))
+    found = diagnose(campaign(kind, 6, spring=lambda x: 3e8 * x**3))
     assert [each.effect.name for each in found.effects] == ["stiffening"], found.verdict
     true = TRUE | {"cubic_stiffness": 3e8}
     cubic = ("cubic_stiffness", *found.effects[0].values["cubic_stiffness"][:2])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import chirp
+from sweeps import linear_sweep
 
 from piezoharvest import Campaign, identify
 from piezoharvest.predict.band_limited import REACH, cubic_of_sine
@@ -47,9 +48,10 @@ def test_a_chirp_through_a_fast_resonance_gives_its_mass(highest):
     damping, capacitance = np.sqrt(stiffness * MASS) / QUALITY, COUPLING**2 / stiffness / SQUARE
     load, records, rng = 1.0 / (capacitance * omega), [], np.random.default_rng(7)
     for duration, role in ((2.0, "fit"), (0.5, "validate")):
+        sweep = linear_sweep(5.0, duration, highest)
 
-        def force(t, duration=duration):
-            return 0.02 * chirp(t, 5.0, duration, highest)
+        def force(t, sweep=sweep):
+            return 0.02 * sweep(t)
 
         def rates(t, y, force=force):
             x, v, e = y

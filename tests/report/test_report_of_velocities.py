@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import chirp
+from sweeps import linear_sweep
 
 from piezoharvest import Campaign
 from piezoharvest.diagnose import diagnose
@@ -11,6 +11,7 @@ from piezoharvest.report.diagnosis import write_diagnosis
 
 TRUE = {"mass": 0.0123, "damping": 0.21, "stiffness": 4200.0, "coupling": 2.1e-3, "capacitance": 62e-9}
 RATE, DURATION, LOAD, CUBIC = 3000.0, 1.0, 150e3, 6e8
+SWEEP = linear_sweep(50.0, DURATION, 130.0)  # Hz
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def found():
     for amplitude, role in ((0.2, "fit"), (0.6, "fit"), (0.4, "validate")):
 
         def force(t, amplitude=amplitude):
-            return amplitude * chirp(t, 50.0, DURATION, 130.0)
+            return amplitude * SWEEP(t)
 
         def rates(t, y, force=force):
             x, v, u = y

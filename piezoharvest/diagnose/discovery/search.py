@@ -101,7 +101,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
         table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
     progress(f"the likeliest law is at {_words(forms[0].law)}: {forms[0].law.name}")
-    best = _with_its_noise(problem, forms[0])
+    best = with_its_noise(problem, forms[0])
     as_known = named(problem, best)
     if as_known is not None:
         progress(f"it is {as_known.model.transducer.effects[-1].name}")
@@ -117,7 +117,7 @@ def instead(problem: Problem, found: Found) -> Found | None:
         return None
     table, *rivals = found.close
     forms = ranked(problem, table) if table.law.memory is None else [table]
-    best = _with_its_noise(problem, forms[0])
+    best = with_its_noise(problem, forms[0])
     return replace(found, best=best, table=table, rivals=tuple(rivals), forms=tuple(forms), known=named(problem, best))
 
 
@@ -269,7 +269,7 @@ def _smoother(problem: Problem, start: Fit, table: LawFit) -> list[LawFit]:
     return [again] if again else []
 
 
-def _with_its_noise(problem: Problem, best: LawFit) -> LawFit:
+def with_its_noise(problem: Problem, best: LawFit) -> LawFit:
     """The same law, fitted with the noise that it leaves."""
     found = best.found
     try:

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from piezoharvest.description.effects import DiodeDropError, Effect
 from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search
@@ -71,7 +72,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
 
     The search begins without the effects that were found on the way, which may stand in for a law; then with them.
     Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
-    nowhere, as the nominal values may be wrong, where they went.
+    nowhere, as the nominal values may be wrong, where they went. Where the misfit is large, records with smaller drives
+    are looked at before all of them.
 
     Parameters
     ----------
@@ -86,9 +88,10 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
     starts = [*([nominal.found] if nominal else []), done.base, *([done.final] if done.nested else [])]
-    for begun in starts:
+    ways = [(search_growing, done.base), *((search, each) for each in starts)]
+    for seek, begun in ways:
         start = _with_drop_free(trials, begun)
-        found = found_laws(campaign, before, problem, start, progress)
+        found = found_laws(campaign, before, problem, start, progress, seek)
         if found is not None:
             found = _with_all_free(campaign, before, problem, found)
             beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
@@ -145,15 +148,16 @@ class _Laws:
 
 
 def found_laws(
-    campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None]
-) -> _Laws | None:
+    campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None],
+    seek: Callable[[Problem, Fit, Callable[[str], None]], Found | None] = search,
+) -> _Laws | None:  # fmt: skip
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
 
     A second one is sought where the first leaves much, and kept if it explains that.
     """
     kept: _Laws | None = None
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
-        more = search(problem, kept.found[-1].final if kept else start, progress)
+        more = search(problem, kept.found[-1].final, progress) if kept else seek(problem, start, progress)
         earlier = kept.found if kept else ()
         laws = _confirmed(problem, earlier, more, partial(_judged, campaign, before, start), progress)
         if laws is None:

@@ -128,11 +128,11 @@ class Searcher:
         """Number of effects that the campaign names: these are no finding."""
         return len(self.trials.base.model.transducer.effects)
 
-    def run(self) -> Search:
-        """Find the effects that are missing from the model."""
+    def run(self, start: EffectChange | None = None, p_values: Sequence[float] = ()) -> Search:
+        """Find the effects that are missing from the model, or from one with effects that have these p-values."""
         trials = self.trials
-        now, at_nominal = self._with_nominal_values(EffectChange(trials.base))
-        first, found = trials.scores(now), _SearchState(now, at_nominal, [], [])
+        now, at_nominal = self._with_nominal_values(start or EffectChange(trials.base))
+        first, found = trials.scores(now), _SearchState(now, at_nominal, list(p_values), [])
         while len(found.now.effects) < self.given_effects + thresholds.MAX_EFFECTS:
             try:
                 more = self._add_effect(found)

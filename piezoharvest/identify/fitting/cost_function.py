@@ -42,9 +42,9 @@ class CostFunction:
     def __init__(self, problem: Problem, white: Whiteners, mean: np.ndarray, precision: np.ndarray) -> None:
         self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
 
-    def at(self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> Point:
+    def at(self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray) -> Point:
         """Evaluate a model."""
-        return self._judged(model, nuisance, values, sums_of(self.problem, model, nuisance, self.white, scatter))
+        return self._judged(model, nuisance, values, sums_of(self.problem, model, nuisance, self.white))
 
     def tried(self, here: Point, values: np.ndarray) -> Point | None:
         """Evaluate a model with other values; None if the records cannot be predicted with them."""
@@ -54,11 +54,11 @@ class CostFunction:
         except (PredictionError, ParameterError, np.linalg.LinAlgError, ArithmeticError):
             return None
 
-    def in_the_end(self, here: Point, white: Whiteners | None, noise: Noise) -> tuple[CostFunction, Point]:
-        """Evaluate the final point with its scatter, with the given whiteners or those of its own model."""
-        white = white or whiteners(self.problem, here.model, here.nuisance, noise)
+    def by_its_own(self, here: Point, noise: Noise) -> tuple[CostFunction, Point]:
+        """Evaluate the final point with the whiteners of its own model."""
+        white = whiteners(self.problem, here.model, here.nuisance, noise)
         judge = CostFunction(self.problem, white, self.mean, self.precision)
-        return judge, judge.at(here.model, here.nuisance, here.values, scatter=True)
+        return judge, judge.at(here.model, here.nuisance, here.values)
 
     def _judged(
         self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]

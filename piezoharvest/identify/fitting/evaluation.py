@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,49 +20,64 @@ from piezoharvest.threads import cores
 
 R = TypeVar("R")
 
+_LAST: WeakKeyDictionary[Problem, tuple[Any, tuple[Whitener | ResponseWeights, ...]]] = WeakKeyDictionary()
+
 
 def whiteners(
     problem: Problem, model: Model, nuisance: Sequence[np.ndarray], noise: Noise
 ) -> tuple[Whitener | ResponseWeights, ...]:
-    """Whiteners of all records, from a model that need not be the best."""
-    return tuple(
-        ResponseWeights(noise.sigma[data.name], data)
-        if isinstance(data, FrequencyData)
-        else Whitener(prediction_of(model, data, mine), noise, data)
-        for data, mine in zip(problem.data, nuisance, strict=True)
-    )
+    """Whiteners of all records, from a model that need not be the best.
+
+    The last ones are kept: the next descent often begins where one has ended, and behind a switch they take as long.
+    """
+    kinds = model.relaxed, model.at_rest, model.felt
+    what = model.transducer, kinds, noise, [each.tobytes() for each in nuisance]
+    known, found = _LAST.get(problem, (None, ()))
+    if known != what:
+        found = tuple(
+            ResponseWeights(noise.sigma[data.name], data)
+            if isinstance(data, FrequencyData)
+            else Whitener(prediction_of(model, data, mine), noise, data)
+            for data, mine in zip(problem.data, nuisance, strict=True)
+        )
+        _LAST[problem] = what, found
+    return found
 
 
 def sums_of(
-    problem: Problem,
-    model: Model,
-    nuisance: Sequence[np.ndarray],
-    white: Sequence[Whitener | ResponseWeights],
-    scatter: bool = False,
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
 ) -> tuple[Sums, ...]:
-    """Sums of all records, with the scatter by rounded sensors if required.
+    """Sums of all records.
 
     Raises
     ------
     PredictionError
         The model cannot follow a record.
     """
-    if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
-        found = (white[0].sums(model, nuisance[0], scatter),)
-        model.forget()
-        return found
     for data in problem.data:
         if isinstance(data, Data) and not by_engine(data.setting):
             model.lowered(data)
-    found = map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
+    found = map_records(lambda each, mine: each.sums(model, mine), white, nuisance)
+    model.forget()
+    return found
+
+
+def scattered_sums(
+    model: Model, nuisance: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
+) -> tuple[Sums, ...]:
+    """Sums of all records of a model that was evaluated before, with the scatter of the gradient."""
+    found = map_records(lambda each, mine: each.sums(model, mine, scatter=True), white, nuisance)
     model.forget()
     return found
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
     """Results of a function for every record and its arguments, as many at a time as there are cores."""
+    arguments = list(zip(*each, strict=True))
+    if len(arguments) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
+        return (function(*arguments[0]),)
     with ThreadPoolExecutor(cores()) as pool:
-        return tuple(pool.map(function, *each))
+        return tuple(pool.map(function, *zip(*arguments, strict=True)))
 
 
 def total_information(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.identify.fitting.bounded_step import bounded_step
 from piezoharvest.identify.fitting.cost_function import CostFunction, Point, Whiteners
-from piezoharvest.identify.fitting.evaluation import whiteners
+from piezoharvest.identify.fitting.evaluation import scattered_sums, whiteners
 from piezoharvest.identify.fitting.likelihood import Sums
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, inner_values
@@ -76,6 +77,11 @@ class Fit:
     iterations: int
     message: str
 
+    @cached_property
+    def scattered(self) -> tuple[Sums, ...]:
+        """`sums` with what else scatters the gradient, made when asked for: behind a switch that takes long."""
+        return scattered_sums(self.model, self.nuisance, self.white)
+
 
 def descend(
     problem: Problem, model: Model, nuisance: Sequence[np.ndarray], noise: Noise, progress: Callable[[str], None],
@@ -112,8 +118,8 @@ def descend(
         if descent.ended:
             break
     here = descent.here
-    if not loose:
-        judge, here = judge.in_the_end(here, white, noise)
+    if not loose and white is None:
+        judge, here = judge.by_its_own(here, noise)
     return Fit(
         here.model, here.nuisance, noise, here.cost, here.sums, here.information, np.diag(judge.precision), judge.white,
         descent.converged, descent.iteration, descent.message,

@@ -46,6 +46,7 @@ class Sums:
         What the information counts of the noise of switching, as if its errors were independent.
     switching : (p, n) array
         Realisations of the change of the gradient, over the square root of `n`, by a switch that acts earlier or later.
+        The last three are of `Fit.scattered` alone, elsewhere zero.
     """
 
     information: np.ndarray

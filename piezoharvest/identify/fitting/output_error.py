@@ -171,7 +171,7 @@ def covariance(found: Fit, fixed: Sequence[int] = (), *, switching: bool = True)
     # Bands with few lines are judged together with those below them.
     excess = np.maximum(np.cumsum(squares) / np.maximum(np.cumsum(count), 1.0), squares / np.maximum(count, 1.0))
     excess = np.maximum(excess, 1.0)
-    spreads = [part.spread if switching else part.scatter for part in found.sums]
+    spreads = [part.spread if switching else part.scatter for part in found.scattered]
     for mine, part, spread in zip(nuisance, found.sums, spreads, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
         meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + spread

@@ -73,7 +73,10 @@ def element_output(kind, limit, before, a, da, b, db, second, h):
     if kind == _PRODUCT:
         return b * second, 0.0, 0.0, 0.0, second, 0.0, b, 0.0
     if kind == _POWER:
-        return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0
+        below = 1.0
+        for _ in range(int(limit) - 1):  # a whole exponent: the general power takes as long as all else of a step
+            below *= b
+        return b * below, 0.0, 0.0, 0.0, limit * below, 0.0, 0.0, 0.0
     if kind == _HINGE:
         if b <= limit:
             return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -83,4 +86,6 @@ def element_output(kind, limit, before, a, da, b, db, second, h):
         return value, 0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0
     if b <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, b**limit * math.log(b)
+    below = b ** (limit - 1.0)
+    value = b * below
+    return value, 0.0, 0.0, 0.0, limit * below, 0.0, 0.0, value * math.log(b)

@@ -20,13 +20,13 @@ FINER = 20  # values of a reading for each sample, while it is filtered
 def spring_with(memory, drive, load, duration, rate):
     """True channels of a beam whose spring has a memory: `memory(t, x, u, m)` returns its force and the rates of m.
 
-    `memory.states` is their number. From rest; Radau with errors far below those that a test tolerates.
+    `memory.states` is their number. From rest; with errors far below those that a test tolerates.
     """
     with_force = lambda t, x, u, v, own: (memory(t, x, u, own)[0], 0.0, memory(t, x, u, own)[1])  # noqa: E731
-    return device_with(with_force, memory.states, drive, load, duration, rate)
+    return device_with(with_force, memory.states, drive, load, duration, rate, method=memory.method)
 
 
-def device_with(memory, states, drive, load, duration, rate, device=BEAM):
+def device_with(memory, states, drive, load, duration, rate, device=BEAM, method="LSODA"):
     """The same with `memory(t, x, u, v, m)` that returns a force beside the spring's, a current, and rates of m."""
     m, b, k, T, C = (device[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
 
@@ -36,9 +36,46 @@ def device_with(memory, states, drive, load, duration, rate, device=BEAM):
         return [u, (drive(t) - b * u - k * x - force + T * v) / m, -(v / load + current + T * u) / C, *rates]
 
     t = np.arange(round(duration * rate)) / rate
-    # A memory may have corners, which a method of high order would step over.
-    run = solve_ivp(slopes, (0, t[-1]), [0.0] * (3 + states), "Radau", t, rtol=1e-8, atol=1e-13, max_step=0.25 / rate)
+    # A memory may have corners, which longer steps would pass over.
+    run = solve_ivp(slopes, (0, t[-1]), [0.0] * (3 + states), method, t, rtol=1e-9, atol=1e-13, max_step=0.25 / rate)
     x, _, v = run.y[:3]
+    return {"time_s": t, "force": drive(t), "displacement": x, "voltage": v, "current": v / load}
+
+
+def spring_behind_play(stiffness, half, drive, load, duration, rate, device=BEAM):
+    """The same with a spring of what is left of x behind lost motion of +-half, from one end of the play to the next.
+
+    There its rate jumps: within the play it stands still, at an end it moves along.
+    """
+    m, b, k, T, C = (device[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
+    t = np.arange(round(duration * rate)) / rate
+    now, y, behind, end, found = 0.0, np.zeros(3), 0.0, 0, np.empty((3, len(t)))
+
+    def piece():
+        """Rates, and what ends this piece: the other way at an end, or an end reached within."""
+        at = end  # of the play: 1, -1, or 0 within it
+
+        def rates(t, y):
+            x, u, v = y
+            left = x - at * half if at else behind
+            return [u, (drive(t) - b * u - k * x - stiffness * left + T * v) / m, -(v / load + T * u) / C]
+
+        ends = [lambda t, y: at * y[1]] if at else [lambda t, y, s=s: half - s * (y[0] - behind) for s in (1, -1)]
+        for each in ends:
+            each.terminal, each.direction = True, -1.0
+        return rates, ends
+
+    while now < t[-1]:
+        rates, ends = piece()
+        run = solve_ivp(
+            rates, (now, t[-1]), y, "DOP853", dense_output=True, events=ends, rtol=1e-9, atol=1e-14, max_step=2 / rate
+        )  # fmt: skip
+        inside = (t >= now) & (t <= run.t[-1])
+        found[:, inside] = run.sol(t[inside])
+        now, y = run.t[-1], run.y[:, -1]
+        behind = y[0] - end * half if end else behind
+        end = 0 if end else next((s for s, each in zip((1, -1), run.t_events, strict=True) if len(each)), 0)
+    x, _, v = found
     return {"time_s": t, "force": drive(t), "displacement": x, "voltage": v, "current": v / load}
 
 
@@ -48,7 +85,7 @@ def relaxing(weight, time_constant):
     def memory(t, x, u, own):
         return -weight * own[0], [(x - own[0]) / time_constant]
 
-    memory.states = 1
+    memory.states, memory.method = 1, "LSODA"
     return memory
 
 
@@ -59,7 +96,7 @@ def resonating(weight, frequency, damping):
     def memory(t, x, u, own):
         return -weight * own[0], [w * own[1], w * (x - own[0] - 2.0 * damping * own[1])]
 
-    memory.states = 2
+    memory.states, memory.method = 2, "LSODA"
     return memory
 
 
@@ -70,7 +107,7 @@ def rubbing(weight, threshold):
         stuck = abs(own[0]) < threshold or own[0] * u < 0.0
         return weight * np.clip(own[0], -threshold, threshold), [u if stuck else 0.0]
 
-    memory.states = 1
+    memory.states, memory.method = 1, "Radau"  # the rate jumps, where other methods take ever smaller steps
     return memory
 
 

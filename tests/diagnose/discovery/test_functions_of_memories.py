@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, campaign_of
-from remembering import device_with, searched
+from remembering import device_with, searched, spring_behind_play
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
@@ -141,13 +141,8 @@ def test_a_polarisation_that_lags_and_saturates_is_found_and_becomes_an_effect(t
 
 def test_a_force_that_lags_behind_by_play_gives_energy_and_is_no_law_of_the_spring(tmp_path):
     """Lost motion before a spring that does not fall back with it: over a period it gives energy to the beam."""
-
-    def memory(t, x, u, v, own):
-        gap, half = x - own[0], 4e-5
-        moves = abs(gap) >= half and gap * u > 0.0
-        return 40.0 * (x - np.clip(gap, -half, half)), 0.0, [u if moves else 0.0]
-
-    found = searched_in(tmp_path, memory, RECORDS)
+    read = lambda drive, load: spring_behind_play(40.0, 4e-5, drive, load, 0.5, 2000.0)  # noqa: E731
+    found = searched(campaign_of(tmp_path, "beam", read, RECORDS))
     if found is not None and found.best.place.name == "spring" and isinstance(found.best.law.memory, Play):
         assert np.real(found.best.form.values(np.array([found.best.law.memory.threshold])))[0] > 0.0
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from nameless import Laws
 from rectified import rectified
-from scipy.signal import chirp
+from sweeps import linear_sweep
 
 from piezoharvest import Campaign
 from piezoharvest.diagnose import diagnose
-from piezoharvest.identify import identify
 
 SPECIMEN = {"mass": 0.010, "damping": 0.12, "stiffness": 986.96, "coupling": 1.2e-3, "capacitance": 40e-9}
 BRIDGE = {"smoothing_capacitance": 4e-7, "load_resistance": 2e5, "diode_drop": 0.4}
@@ -23,9 +22,10 @@ def healthy(seed):
     """Campaign of a healthy specimen behind a bridge, by SciPy with events."""
     rng, records = np.random.default_rng(seed), []
     for n, (amplitude, begin, end) in enumerate(SWEEPS):
+        sweep = linear_sweep(begin, DURATION, end)
 
-        def drive(t, a=amplitude, f=(begin, end)):
-            return a * chirp(t, f[0], DURATION, f[1])
+        def drive(t, a=amplitude, sweep=sweep):
+            return a * sweep(t)
 
         true = rectified(Laws(), drive, SPECIMEN, BRIDGE, DURATION, RATE)
         sizes = {**NOISE, "force": FORCE_NOISE * amplitude}
@@ -40,11 +40,11 @@ def healthy(seed):
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4))])
 def test_the_slow_error_of_the_dc_voltage_is_noise(seed):
     """With the sensors' noise alone, slow residuals had ten times their variance, and a search took minutes."""
-    campaign = healthy(seed)
-    found = identify(campaign).found
+    diagnosis = diagnose(healthy(seed))
+    found = diagnosis.before.found
     for white, nuisance in zip(found.white, found.nuisance, strict=True):
         ((_, residual, spectra),) = white.left(found.model, nuisance)
         slow = spectra[np.fft.rfftfreq(len(residual), 1.0 / RATE) < 20.0]
         # 50 lines of 4 channels, each with two components: six standard deviations are 0.4.
         assert np.mean(np.abs(slow) ** 2) / 2.0 < 1.4
-    assert diagnose(campaign).verdict == "adequate"
+    assert diagnosis.verdict == "adequate"

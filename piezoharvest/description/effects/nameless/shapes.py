@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.effects.nameless.curves import CURVES
+from piezoharvest.description.effects.nameless.curves import CODES, CURVES, SLOPES_AT_REST
 from piezoharvest.description.effects.nameless.forms import Array, Form
 from piezoharvest.description.parameters import check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
@@ -47,16 +47,21 @@ class Shape(Curve):
 
     def values(self, x: np.ndarray) -> Array:
         z = np.asarray(x) / self.scale
-        return self.factor * (CURVES[self.curve](z) - (z if self.bent else 0.0))
+        return self.factor * (CURVES[self.curve](z) - self.left_out * z)
 
     @property
     def proportional(self) -> Any:
-        return -self.factor / self.scale if self.bent else 0.0
+        return -self.factor * self.left_out / self.scale
+
+    @property
+    def left_out(self) -> float:
+        """Slope of the linear part of g that is left out: zero where none is."""
+        return SLOPES_AT_REST[CODES[self.curve]] if self.bent else 0.0
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         z = (1.0 / self.scale) * x
         found = self.factor * specimen.curve(self.curve, z)
-        return found - self.factor * z if self.bent else found
+        return found - (self.factor * self.left_out) * z if self.bent else found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,6 +35,7 @@ from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Sh
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
@@ -79,12 +80,16 @@ def candidates(table: LawFit) -> list[FittedFormula]:
     return sorted(found, key=lambda each: each.criterion)
 
 
-def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
-    """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
+def ranked(problem: Problem, table: LawFit, most: int = 0) -> list[LawFit]:
+    """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first.
+
+    At least `most` of the formulas closest to the table are fitted.
+    """
     tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
-    most = REFITTED_BEYOND_TABLE if coarse else REFITTED
-    most *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
+    count = REFITTED_BEYOND_TABLE if coarse else REFITTED
+    count *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
+    most = max(most, count)
     every = candidates(table) if isinstance(table.form, TABLES) else []
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
     for each in some:
@@ -127,6 +132,37 @@ def drop_path(transducer: Transducer) -> Path:
     return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
 
 
+def as_table(problem: Problem, law: LawFit) -> LawFit | None:
+    """The fit with a table over all that the law has visited, begun where the law is; None where it has no solution."""
+    form, bare = table_for(law.place, law.visited), without_law(problem, law)
+    if form is None:
+        return None
+    x = spread_inputs(law.visited)
+    basis = np.column_stack([_pieces(form, x), np.ones(len(x)), *[x] * law.law.bent])
+    size = np.abs(basis).max(axis=0)
+    found = np.linalg.lstsq(basis / size, np.real(law.form.values(x)), rcond=1e-10)[0] / size
+    kinks, path = found[: len(form.kinks)], (OWN.get(law.place.name, ""),)
+    if law.law.bent and path in {p.path for p in bare.model.parameters}:
+        value = value_at(bare.model.transducer, path) + float(found[-1])
+        if value > 0.0 or path == ("coupling",):
+            moved = put(bare.model.transducer, path, value)
+            bare = dataclasses.replace(bare, model=dataclasses.replace(bare.model, transducer=moved))
+    begun = dataclasses.replace(law.law, form=dataclasses.replace(form, kinks=tuple(map(float, kinks))))
+    return fitted(problem, bare, begun, law.visited, float(np.sqrt(np.mean(kinks**2))))
+
+
+def spread_inputs(visited: np.ndarray) -> np.ndarray:
+    """Inputs at which two forms of a law are compared: where the records have been, and evenly over that range."""
+    x = np.quantile(visited, np.linspace(0.0, 1.0, SAMPLES))
+    return np.unique(np.concatenate([x, np.linspace(x[0], x[-1], SAMPLES)]))
+
+
+def _pieces(form: Corners | Bends, x: np.ndarray) -> np.ndarray:
+    """What each kink of a table adds at inputs (n,), for a kink of one: (n, k)."""
+    pieces = np.maximum(outward(form.knots) * (x[:, None] - np.array(form.knots)), 0.0)
+    return 0.5 * pieces**2 if isinstance(form, Bends) else pieces
+
+
 class _Loss:
     """Distance of a formula from a table, in units of the table's covariance."""
 
@@ -134,18 +170,15 @@ class _Loss:
         form = table.form
         assert isinstance(form, Corners | Bends)
         self.table = table
-        self.x = np.quantile(table.visited, np.linspace(0.0, 1.0, SAMPLES))
-        self.x = np.unique(np.concatenate([self.x, np.linspace(self.x[0], self.x[-1], SAMPLES)]))
-        sides, bent = outward(form.knots), isinstance(form, Bends)
-        pieces = np.maximum(sides * (self.x[:, None] - np.array(form.knots)), 0.0)
-        pieces = 0.5 * pieces**2 if bent else pieces
+        self.x = spread_inputs(table.visited)
         # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
         # beside it; elsewhere a constant goes with offsets.
         fixed = table.place.in_circuit and not drop_path(table.found.model.transducer)
-        free = [] if fixed else [np.ones(len(self.x))]
         # A gain of a sensor is all but a change of parameters, which a table has taken in any share.
-        lines = [self.x] if table.law.bent or _of_itself(table.place) else []
-        self.basis = np.column_stack([pieces, *free, *lines])
+        line = table.law.bent or _of_itself(table.place)
+        self.basis = np.column_stack(
+            [*_pieces(form, self.x).T, *[np.ones(len(self.x))] * (not fixed), *[self.x] * line]
+        )
         inside, right = table.normal
         values, vectors = np.linalg.eigh(inside)
         values = np.maximum(values, 0.0)

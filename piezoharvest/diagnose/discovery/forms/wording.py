@@ -120,7 +120,8 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
         curve = {"exponential": f"exp({inside}) - 1", "log": f"log(1 + {inside})"}.get(
             form.curve, f"{form.curve}({inside})"
         )
-        return f"{form.factor:.4g} {unit} * ({curve}" + (f" - {inside})" if form.bent else ")")
+        line = f" - {s} / {form.scale / form.left_out:.4g} {of}".rstrip() if form.left_out else ""
+        return f"{form.factor:.4g} {unit} * ({curve}{line})"
     return f"table of {s} ({of or 'share of a record'}) to {unit or 'a relative change'}"
 
 

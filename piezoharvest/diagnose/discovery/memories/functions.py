@@ -24,6 +24,7 @@ from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.prediction import PredictionError
 
 PLACES = 2  # likeliest places of laws so far at which a memory is tried
 
@@ -97,7 +98,11 @@ def _kinds(place: Place) -> tuple[type[Memory], ...]:
 def _scored(problem: Problem, bare: Fit, here: LawFit) -> list[ScoredLaw]:
     """Scores of tables of what each memory makes of the input."""
     place, found = _place(here), []
-    inputs = [(step, each[place.input]) for step, each in inputs_of_records(problem, bare) if place.input in each]
+    try:
+        records = inputs_of_records(problem, bare)
+    except PredictionError:  # without its law the model has no solution there
+        return []
+    inputs = [(step, each[place.input]) for step, each in records if place.input in each]
     for memory in _starts(problem, bare, here, np.concatenate([values for _, values in inputs])):
         visited = np.concatenate([memory.made_of(values, step) for step, values in inputs])
         form = table_for(place, visited, remembered=True)

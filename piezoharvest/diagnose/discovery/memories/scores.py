@@ -14,7 +14,7 @@ import numpy as np
 from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
-from piezoharvest.description.effects.nameless.places import Place, Reading
+from piezoharvest.description.effects.nameless.places import CHANNELS, Place, Reading
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, known_before, law_parameters
@@ -31,6 +31,7 @@ from piezoharvest.predict.prediction import PredictionError
 
 PLAYS = (0.01, 0.03, 0.1, 0.25)  # thresholds that are tried, of half the visited range
 RESONANCES = 5  # frequencies that are tried between the slowest and the fastest that the records resolve
+RESONANCES_BETWEEN = 16  # the same between two channels, where a sensor may be excited at a narrow resonance of its own
 DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of three overlap
 # Of the own resonances of the specimen: frequencies that are tried, too, as one beside them shows most, and narrowly;
 # and their damping ratio, with which neighbours overlap.
@@ -39,11 +40,15 @@ FASTEST = 0.3  # of the rate of samples: highest frequency of a resonance that i
 
 
 def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> list[Law]:
-    """Laws with a memory that are tried at a place: those of sensors are of a reading's own true value."""
-    own = isinstance(place, Reading) and place.of == place.channel
-    if not (own or place.port):
-        return []
-    kinds = list(_of_sensor(place, visited, scales) if own else _of_port(place, visited, scales, device))
+    """Laws with a memory that are tried at a place: at a sensor of the reading's own true value, or of another channel.
+
+    Rates and time have none: what lags behind a rate is how far the channel is ahead of its own lag.
+    """
+    kinds: list[Memory] = []
+    if isinstance(place, Reading):
+        kinds = [*(_of_sensor if place.of == place.channel else _of_crosstalk)(place, visited, scales)]
+    elif place.port:
+        kinds = [*_of_port(place, visited, scales, device)]
     if place.name.removeprefix("reading.") in ACTING:  # a late drive is late channels
         kinds = [each for each in kinds if not isinstance(each, Delay)]
     return [Law(place=place, form=Line(factor=0.0), memory=each) for each in kinds]
@@ -54,6 +59,13 @@ def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterat
     yield from plays(visited[place.input])
     yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
     yield from _resonances(scales, behind=True)
+
+
+def _of_crosstalk(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
+    """Filters between two channels: of low frequencies, of high ones, and resonances."""
+    if place.input in CHANNELS:
+        yield from (Relaxation(time_constant=each, behind=side) for each in scales.times for side in (False, True))
+        yield from _resonances(scales, behind=False, count=RESONANCES_BETWEEN, damping_ratio=BESIDE_DAMPING)
 
 
 def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
@@ -73,10 +85,12 @@ def plays(visited: np.ndarray) -> Iterator[Play]:
     yield from (Play(threshold=share * half) for share in PLAYS if half > 0.0)
 
 
-def _resonances(scales: CampaignScales, *, behind: bool) -> Iterator[Resonance]:
+def _resonances(
+    scales: CampaignScales, *, behind: bool, count: int = RESONANCES, damping_ratio: float = DAMPING_RATIO
+) -> Iterator[Resonance]:
     highest, lowest = FASTEST / scales.sample_time, 1.0 / scales.longest
-    for frequency in np.geomspace(max(lowest, 1e-3 * highest), highest, RESONANCES):
-        yield Resonance(frequency=float(frequency), damping_ratio=DAMPING_RATIO, behind=behind)
+    for frequency in np.geomspace(max(lowest, 1e-3 * highest), highest, count):
+        yield Resonance(frequency=float(frequency), damping_ratio=damping_ratio, behind=behind)
 
 
 def _beside_resonances(scales: CampaignScales, device: Transducer) -> Iterator[Resonance]:

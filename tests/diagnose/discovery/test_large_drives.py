@@ -1,0 +1,73 @@
+"""Springs without a name whose resonance has two motions under large drives: found as under small ones."""
+
+import numpy as np
+import pytest
+from diagnose.swept import TRUE, campaign
+
+from piezoharvest import identify
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.discovery.growing_search import search_growing
+from piezoharvest.identify.fitting.output_error import mean_square
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.preparation import prepared
+
+
+def found_in(seed, spring):
+    """The form of the only law that a diagnosis finds; with the stiffness beside it, it is the spring's force."""
+    found = diagnose(campaign("white", seed, spring=spring))
+    assert found.verdict == "new_effect", (found.verdict, found.effects)
+    (discovery,) = found.discovery
+    assert (discovery.law.place.name, discovery.law.place.input) == ("spring", "displacement")
+    assert discovery.gain > 0.95
+    values = {each.parameter.name: each for each in found.estimates}
+    for name in set(TRUE) - {"stiffness"}:  # a straight line of the law is a part of it
+        assert abs(values[name].value - TRUE[name]) < 4.5 * values[name].std, name
+    x = np.linspace(-1e-3, 1e-3, 101)
+    wanted = TRUE["stiffness"] * x + spring(x)
+    force = values["stiffness"].value * x + discovery.law.form.values(x)
+    assert force == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
+    return discovery.law.form
+
+
+def saturating(x):
+    return 0.6 * np.tanh(x / 4e-4)
+
+
+def test_what_small_drives_show_is_fitted_to_all_records():
+    """0.6 N tanh(x/0.4 mm): the model without it was in the other motion, and a table at the capacitor did best."""
+    before = identify(campaign("white", 1, spring=saturating))
+    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
+    found = search_growing(problem, before.found, lambda text: None)
+    assert found is not None
+    law = found.best.law
+    assert (law.place.name, law.form.curve) == ("spring", "tanh")
+    assert [law.form.factor, law.form.scale] == pytest.approx([0.6, 4e-4], rel=5e-3)
+    assert mean_square(found.final) < 1.2
+    assert search_growing(of_largest(problem), before.found, lambda text: None) is None  # no smaller drives
+
+
+def of_largest(problem):
+    """The problem with the record of the largest drive alone."""
+    return Problem(problem.data[1:], problem.nominal, problem.offset_channels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_spring_that_saturates(seed):
+    form = found_in(seed, saturating)
+    assert (form.curve, form.bent) == ("tanh", True)
+    assert [form.factor, form.scale] == pytest.approx([0.6, 4e-4], rel=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_spring_that_hardens_exponentially(seed):
+    """Where drives are small it is any of seven formulas: all of them are fitted to all records."""
+    form = found_in(seed, lambda x: 0.84 * np.sinh(x / 8e-4))
+    assert (form.curve, form.bent) == ("sinh", True)
+    assert [form.factor, form.scale] == pytest.approx([0.84, 8e-4], rel=1e-2)
+
+
+@pytest.mark.slow
+def test_a_spring_that_softens_with_the_square():
+    assert found_in(1, lambda x: -1.2e6 * x * np.abs(x)).exponent == pytest.approx(2.0, abs=0.05)
