@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,6 +27,7 @@ from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
+from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
@@ -93,7 +94,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         start = _with_drop_free(trials, begun)
         found = found_laws(campaign, before, problem, start, progress, seek)
         if found is not None:
-            found = _with_all_free(campaign, before, problem, found)
+            given = (*before.held, *done.base.model.parameters)
+            found = _with_all_free(campaign, before, problem, found, given)
             beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
             found, kept = without_riders(campaign, before, problem, found, beside, progress)
             return _as_diagnosed(campaign, before, problem, done, found, kept)
@@ -229,12 +231,19 @@ def _without(campaign: Campaign, before: Identification, laws: _Laws, n: int, le
     return laws.in_fit(less, unseen, check, n)
 
 
-def _with_all_free(campaign: Campaign, before: Identification, problem: Problem, laws: _Laws) -> _Laws:
-    """The laws in a fit in which parameters are free that were held while something was missing."""
-    if not before.held:
-        return laws
+def _with_all_free(
+    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, given: Sequence[Parameter]
+) -> _Laws:
+    """The laws in a fit in which those of the given parameters are free, too, that were held without the law.
+
+    They were not determined beside what was missing, or far from their nominal values.
+    """
     final = laws.found[-1].final
-    model = replace(final.model, parameters=(*before.held, *final.model.parameters))
+    known = {parameter.path for parameter in final.model.parameters}
+    held = tuple(parameter for parameter in given if parameter.path not in known)
+    if not held:
+        return laws
+    model = replace(final.model, parameters=(*held, *final.model.parameters))
     nuisance = nuisance_for_model(problem, final.model, final.nuisance, model)
     try:
         free = fit(problem, model, nuisance, final.noise)

@@ -1,8 +1,9 @@
-"""What a sensor shows of another channel through a filter: between amplifiers, or of a structure that it hangs on."""
+"""Filters of sensors: of what they show of another channel, and an amplifier that blocks a constant."""
 
 import numpy as np
 import pytest
-from diagnose.swept import campaign
+from diagnose.swept import DURATION, RATE, TRUE, campaign
+from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
 from piezoharvest.description.effects.nameless.memory import Relaxation, Resonance
@@ -50,3 +51,29 @@ def test_a_resonance_that_the_voltage_excites():
     assert law.memory.frequency == pytest.approx(FREQUENCY, rel=2e-3)
     assert law.memory.damping_ratio == pytest.approx(DAMPING, rel=0.03)
     assert law.form.factor == pytest.approx(SIZE, rel=0.02)
+
+
+FINER = 8
+BLOCKED = 4e-3  # s, time constant of an amplifier of alternating voltages: 40 Hz, where the sweeps begin
+
+
+def amplified(voltage):
+    time = np.arange(round(RATE * DURATION)) / RATE
+    fine = np.linspace(0.0, time[-1], FINER * (len(time) - 1) + 1)  # between which lsim takes a straight line
+    return lsim(([BLOCKED, 0.0], [BLOCKED, 1.0]), CubicSpline(time, voltage)(fine), fine)[1][::FINER]
+
+
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
+def test_an_amplifier_of_alternating_voltages(seed):
+    """It shows the voltage minus its lag: as a share of what the lag is behind it would need an infinite gain."""
+    found = diagnose(campaign("white", seed, read=amplified))
+    assert found.verdict == "new_effect", (found.verdict, found.effects)
+    (discovery,) = found.discovery
+    law = discovery.law
+    assert (law.place.name, law.place.input) == ("reading.voltage", "voltage")
+    assert isinstance(law.memory, Relaxation) and not law.memory.behind
+    assert law.memory.time_constant == pytest.approx(BLOCKED, rel=0.03)
+    assert law.form.factor == pytest.approx(-1.0, abs=0.03)
+    assert discovery.gain > 0.95
+    for estimate in found.estimates:  # one that was held at its nominal value without the law is free with it
+        assert abs(estimate.value - TRUE[estimate.parameter.name]) < 4.5 * estimate.std, estimate.parameter.name

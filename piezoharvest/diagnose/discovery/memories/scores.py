@@ -57,7 +57,8 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
 def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
     yield Delay(delay=0.0)
     yield from plays(visited[place.input])
-    yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
+    # By what it is behind: a low-pass of any share. By its lag: a high-pass, as amplifiers that block a constant have.
+    yield from (Relaxation(time_constant=each, behind=side) for each in scales.times for side in (True, False))
     yield from _resonances(scales, behind=True)
 
 
