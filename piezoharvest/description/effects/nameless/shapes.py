@@ -65,6 +65,29 @@ class Shape(Curve):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Step(Curve):
+    """A change that comes at once, rounded off, as where a part cracks: a (tanh((x - t)/w) + tanh(t/w))/2."""
+
+    label: ClassVar[str] = "step"
+
+    factor: float = quantity("", "what is added once it has come", null=0.0)
+    at: float = quantity("", "input t at which half of it has come, in its unit")
+    width: float = quantity("", "input w over which it comes, in its unit", above=0)
+
+    def values(self, x: np.ndarray) -> Array:
+        return 0.5 * self.factor * (np.tanh((np.asarray(x) - self.at) / self.width) + self.before)
+
+    @property
+    def before(self) -> Any:
+        """What makes it zero at an input of zero, tanh(t/w)."""
+        return np.tanh(self.at / self.width)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        come = specimen.curve("tanh", (1.0 / self.width) * (x - self.at * specimen.one))
+        return (0.5 * self.factor) * (come + self.before * specimen.one)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Shockley(Curve):
     """Voltage of a diode over its forward current: a log(1 + i/s) + R i, with a = n V_T, s = I_s and a resistance R.
 

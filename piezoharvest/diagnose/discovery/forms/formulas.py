@@ -30,8 +30,8 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
     outward,
 )
-from piezoharvest.description.effects.nameless.places import Place, Reading
-from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, Stribeck
+from piezoharvest.description.effects.nameless.places import TIMES, Place, Reading
+from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, Step, Stribeck
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
@@ -53,6 +53,7 @@ HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
+STEP_WIDTH = 0.05  # start value of a change over time, of the range: half the distance of a table's corners
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
 SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
 
@@ -243,6 +244,9 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
     if not bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
+    if place.input in TIMES:
+        make = lambda z: Step(factor=z[0], at=z[1], width=(high - low) * np.exp(z[2]))  # noqa: E731
+        yield [(make, np.array([t, np.log(STEP_WIDTH)])) for t in low + (high - low) * np.linspace(0.04, 0.96, KNEES)]
     yield from _powers(size, sides)
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
