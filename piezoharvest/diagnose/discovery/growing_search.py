@@ -89,14 +89,16 @@ def _close_forms(part: Problem, found: Found) -> list[LawFit]:
 
 
 def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf) -> LawFit | None:
-    """Fit of all records with a law of some; None where the model has no solution."""
+    """Fit of all records with a law of some; None where the model has no solution, or not all have the law's input."""
     nuisance = smaller.nuisance_of_all(law.found)
     try:
         found = _fit(smaller.problem, start, law.found.model, nuisance, ITERATIONS, aim)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
-    visited = visited_inputs(smaller.problem, found)[law.place.input] if law.law.memory is None else law.visited
-    return LawFit(found, visited)
+    if law.law.memory is not None:
+        return LawFit(found, law.visited)
+    visited = visited_inputs(smaller.problem, found).get(law.place.input)
+    return None if visited is None else LawFit(found, visited)
 
 
 def _ended(problem: Problem, start: Fit, law: LawFit) -> LawFit:
