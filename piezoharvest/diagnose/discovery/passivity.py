@@ -94,9 +94,13 @@ def price_of_passivity(table: LawFit, constant: float, slope: float) -> float:
 
 
 def _distance(root: np.ndarray, found: np.ndarray, power: np.ndarray, own: np.ndarray) -> float:
-    """Least |root (k - found)|^2 of kinks k whose powers are not negative."""
+    """Least |root (k - found)|^2 of kinks k whose powers are not negative; if it is not found, that of no kinks."""
     import cvxpy as cp
 
-    kinks = cp.Variable(len(found))
-    problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (kinks - found))), [power @ kinks + own >= 0.0])
-    return float(problem.solve(solver=cp.CLARABEL))  # pyright: ignore[reportArgumentType]
+    kinks, most = cp.Variable(len(found)), float(np.linalg.norm(root @ found))
+    wanted = cp.sum_squares(root / most @ (kinks - found))
+    problem = cp.Problem(cp.Minimize(wanted), [power @ kinks + own >= 0.0])
+    try:
+        return most**2 * float(problem.solve(solver=cp.CLARABEL))  # pyright: ignore[reportArgumentType]
+    except cp.SolverError:
+        return most**2

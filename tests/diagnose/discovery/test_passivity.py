@@ -12,7 +12,7 @@ from piezoharvest.description.effects.nameless.forms import Corners
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation
 from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Load, Reading, Spring
-from piezoharvest.diagnose.discovery.passivity import price_of_passivity
+from piezoharvest.diagnose.discovery.passivity import _distance, price_of_passivity
 
 
 def table(place, kinks, knots=(1.0, -1.0), information=None, visited=(-2.0, 2.0), memory=None):
@@ -101,3 +101,14 @@ def test_a_reading_that_turns_back_is_not_named_a_law_of_the_load(tmp_path):
     found = searched(nameless_campaign(tmp_path, "stack", laws, records, rate=400.0, duration=1.0))
     assert found.best.place.name == "reading.current"
     assert not {"load", "electrodes"} & {rival.place.name for rival in found.close}
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
+def test_the_price_of_passivity_scales_with_the_squares(size):
+    """A table that was 1e9 standard errors from a passive one ended a diagnosis with an error of the solver."""
+    rng = np.random.default_rng(3)
+    root, found, power = rng.standard_normal((6, 6)), rng.standard_normal(6), rng.standard_normal((40, 6))
+    power[:20] = -found / np.linalg.norm(found) + 0.1 * power[:20]  # far from what gives no energy
+    price = _distance(size * root, found, power, np.full(40, 1e-3))
+    assert price == pytest.approx(size**2 * _distance(root, found, power, np.full(40, 1e-3)), rel=1e-5)
+    assert 0.0 < price <= size**2 * np.sum((root @ found) ** 2)
