@@ -31,7 +31,7 @@ from piezoharvest.description.effects.nameless.places import (
     Reading,
     Spring,
 )
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, Step, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.description.transducer import Transducer
@@ -50,7 +50,9 @@ LAWS = [
     Law(place=Spring(), form=Hertz(factor=1e-3, scale=8e-4, odd=False, side=-1)),
     Law(place=Damper(), form=Stribeck(factor=1e-3, excess=0.5, speed=0.1, width=1e-3, knots=(0.0, 0.1, 0.2))),
     Law(place=Damper(), form=Coulomb(factor=1e-3, width=1e-3, knots=(0.0, 0.1, 0.2))),
-    Law(place=Reading("voltage", "time"), form=Step(factor=-0.3, at=np.float64(0.6), width=0.01, knots=(0.0, 0.1))),
+    Law(
+        place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=np.float64(0.6), width=0.01, knots=(0.0, 0.1))
+    ),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
     Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),

@@ -19,7 +19,7 @@ from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hert
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play, Resonance
 from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, OverTime, Reading, Spring
-from piezoharvest.description.effects.nameless.shapes import Shape, Step, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Shape, StepChange, Stribeck
 from piezoharvest.description.shunts import ParallelSSHI, Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
 from piezoharvest.diagnose.discovery.effect_test import save_effect_test
@@ -44,7 +44,7 @@ LAWS = [
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
-    Law(place=Reading("voltage", "time"), form=Step(factor=-0.3, at=0.6, width=0.01)),
+    Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
 ]
 

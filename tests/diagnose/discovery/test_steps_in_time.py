@@ -6,7 +6,7 @@ from diagnose.swept import DURATION, RATE, campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezoharvest.description.effects.nameless.shapes import Step
+from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose import diagnose
 
 OFFSET, AT, WIDTH = -0.4, 0.8, 0.02  # V; s into a record of 1.5 s
@@ -25,7 +25,7 @@ def test_an_offset_that_comes_on(seed):
     (discovery,) = found.discovery
     law = discovery.law
     assert (law.place.name, law.place.input) == ("reading.voltage", "time")
-    assert isinstance(law.form, Step)
+    assert isinstance(law.form, StepChange)
     assert law.form.factor == pytest.approx(OFFSET, rel=0.03)
     assert law.form.at == pytest.approx(AT / DURATION, rel=2e-3)
     assert law.form.width == pytest.approx(WIDTH / DURATION, rel=0.2)
@@ -35,7 +35,7 @@ def test_an_offset_that_comes_on(seed):
 @settings(deadline=None)
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 0.9), st.floats(1e-4, 0.3))
 def test_a_step_is_zero_at_zero_and_comes_where_it_is_said(factor, at, width):
-    step = Step(factor=factor, at=at, width=width)
+    step = StepChange(factor=factor, at=at, width=width)
     zero, half, end = step.values(np.array([0.0, at, at + 20.0 * width]))
     assert zero == pytest.approx(0.0, abs=1e-12)
     assert end - half == pytest.approx(0.5 * factor, rel=1e-9, abs=1e-12)

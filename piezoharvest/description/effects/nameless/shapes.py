@@ -65,7 +65,7 @@ class Shape(Curve):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(Curve):
+class StepChange(Curve):
     """A change that comes at once, rounded off, as where a part cracks: a (tanh((x - t)/w) + tanh(t/w))/2."""
 
     label: ClassVar[str] = "step"

@@ -31,7 +31,7 @@ from piezoharvest.description.effects.nameless.forms import (
     outward,
 )
 from piezoharvest.description.effects.nameless.places import TIMES, Place, Reading
-from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, Step, Stribeck
+from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
@@ -245,7 +245,7 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
     if place.input in TIMES:
-        make = lambda z: Step(factor=z[0], at=z[1], width=(high - low) * np.exp(z[2]))  # noqa: E731
+        make = lambda z: StepChange(factor=z[0], at=z[1], width=(high - low) * np.exp(z[2]))  # noqa: E731
         yield [(make, np.array([t, np.log(STEP_WIDTH)])) for t in low + (high - low) * np.linspace(0.04, 0.96, KNEES)]
     yield from _powers(size, sides)
     if place.needs_slope:

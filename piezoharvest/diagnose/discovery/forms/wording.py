@@ -17,7 +17,7 @@ from piezoharvest.description.effects.nameless.forms import (
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, Step, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 
 SYMBOLS = {
     "force": "F", "displacement": "x", "velocity": "x'", "displacement_rate": "x'", "voltage": "v", "current": "i",
@@ -112,7 +112,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
         return f"{form.factor:.4g} {unit} * (1 + {form.excess:.4g} exp(-({s} / {form.speed:.4g} {of})^2)) * sign({s})"
     if isinstance(form, Coulomb):
         return f"{form.factor:.4g} {unit} * sign({s})"
-    if isinstance(form, Step):
+    if isinstance(form, StepChange):
         come = f"tanh(({s} - {form.at:.5g}) / {form.width:.4g} {of}".rstrip()
         return f"{form.factor:.4g} {unit} * ({come}) + {form.before:.4g}) / 2"
     if isinstance(form, Shockley):
