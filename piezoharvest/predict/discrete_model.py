@@ -58,8 +58,9 @@ class Setting:
         hardly more, whatever came before.
     abrupt : bool
         The drive jumps to its first value at the first sample, from a free value.
-    fine : int
-        Steps per sample for models with elements, whose outputs are linear in time within a step.
+    fine, fine_straight : int
+        Steps per sample for models with elements, whose outputs are cubics within a step; where the rate of an input is
+        not known they are straight lines.
     size : (float, float) or None
         Amplitude and frequency (Hz) of the drive, which laws of a parameter may be functions of.
     acted : float
@@ -77,6 +78,7 @@ class Setting:
     swift: tuple[str, ...] = ()
     abrupt: bool = False
     fine: int = 1
+    fine_straight: int = 1
     sizes: tuple[float, ...] = ()
     reach: float = 0.0
     fixed: tuple[tuple[str, float], ...] = ()
@@ -169,6 +171,19 @@ class DiscreteModel:
             return value + 1j * (steps * (MAGNIFIED / STEP))
 
         return replace(self.matrices, **{name: magnified(name) for name in VARYING})
+
+    def acts(self, derivatives: bool) -> np.ndarray:
+        """Elements whose outputs act on states, or with derivatives would by a parameter, (elements,) of bool."""
+        acting = np.any(self.matrices.W != 0.0, axis=0)
+        return acting | np.any(np.imag(self.tangents.W) != 0.0, axis=(0, 1)) if derivatives else acting
+
+    def steps_per_sample(self, derivatives: bool) -> int:
+        """Steps within a sample that the elements' outputs need."""
+        matrices, setting = self.matrices, self.setting
+        if not len(matrices.kinds):
+            return 1
+        rated = np.all(matrices.rated[matrices.places], axis=1)
+        return setting.fine if np.all(rated | ~self.acts(derivatives)) else setting.fine_straight
 
     def step_by(self, parts: int) -> SampleStep:
         """Step over one of `parts` parts of a sample."""

@@ -30,7 +30,8 @@ class Pace(NamedTuple):
     def at_start(self) -> tuple[StepMatrices, ElementSlopes]:
         """Step of no length at the first sample of a record, where the states are given and the stops are held."""
         n, (M, H) = len(self.step.M), (self.step.M, self.step.H)
-        M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.ascontiguousarray(self.direct[:, n:])
+        M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.zeros_like(self.step.feed)
+        feed[:, : self.direct.shape[1] - n] = self.direct[:, n:]
         none = (Tangent(np.zeros((A.shape[1], 0)), np.zeros((0, 2), int), np.zeros(0)) for A in (M, H))
         return self.step._replace(share=0.0, held=True, M=M, H=H, feed=feed), self.slopes._replace(
             **dict(zip(("M", "H"), none, strict=True)), from_states=_sparse(M[:, : self.direct.shape[1]]),
@@ -51,11 +52,13 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
         Inputs of the elements and their rates.
     """
     n = len(step.M)
-    size = n + step.H.shape[1]
+    count = step.H.shape[1] // 3
+    size = n + count
     M, H, free, outputs = (np.array(A, order="C") for A in (step.M, step.H, step.O[:inputs], step.O[inputs:]))
     direct = free[:, :size].copy()
     free[:, n:size] = 0.0
-    feed = direct[:, n:] + direct[:, :n] @ H
+    feed = direct[:, :n] @ H
+    feed[:, :count] += direct[:, n:]
     dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
     slopes = ElementSlopes(
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),

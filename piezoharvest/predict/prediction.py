@@ -165,6 +165,10 @@ class Prediction:
             return step, SampleStep(*(np.zeros((*array.shape, 0)) for array in step))
         return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
 
+    def steps_per_sample(self, derivatives: bool) -> int:
+        """As of `DiscreteModel`."""
+        return self._lowered.steps_per_sample(derivatives)
+
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Initial scaled states and their derivatives; initial outputs of the elements and theirs."""
         further, count = (self._lowered.tangents, len(self.parameters)) if derivatives else (None, 0)
@@ -242,9 +246,11 @@ class Prediction:
         rows = [*range(inputs), *(inputs + self.matrices.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.nuisance_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
-        run = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
+        acts = self._lowered.acts(derivatives)
+        moving = Propagation(self.matrices, acts, z, padded(dz), w, padded(dw))
+        run = _Propagation(self, moving, derivatives, rows)
         # Values between the samples come from a separate run: their derivatives would take most of the time.
-        plain = Propagation(self.matrices, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
+        plain = Propagation(self.matrices, acts, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
         finer = _Propagation(self, plain, False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = run.through(begin, end)
@@ -286,7 +292,7 @@ class _Propagation:
         self, prediction: Prediction, run: Propagation, derivatives: bool, rows: Sequence[int], written: int = 1
     ) -> None:
         self._of, self._run, self._derivatives, self._rows, self._written = prediction, run, derivatives, rows, written
-        fine = prediction.setting.fine if len(prediction.matrices.kinds) else 1
+        fine = prediction.steps_per_sample(derivatives)
         self._fine = written * -(-fine // written)
         self._paces: dict[int, Pace] = {}
 

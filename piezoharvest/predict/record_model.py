@@ -71,6 +71,8 @@ class Matrices:
         Thresholds of the stops, exponents of the powers, knots of the hinges.
     places : (elements, 2) array
         Inputs of each element, as indices.
+    rated : (inputs,) array of bool
+        The input's rate is known.
     channels : tuple of str
         Outputs.
     states : tuple of str
@@ -90,6 +92,7 @@ class Matrices:
     kinds: np.ndarray
     parameters: np.ndarray
     places: np.ndarray
+    rated: np.ndarray
     channels: tuple[str, ...]
     states: tuple[str, ...]
     memories: tuple[str, ...]
@@ -370,11 +373,11 @@ class RecordModel:
             outputs[name] = outputs[name] + sum(self._read[name])
         if self.drive_name != "displacement":
             del outputs["force"]
-        rate_of = {self._content(row): rate for _, row, rate, _ in self._states}
-        # Inputs that are not states have no rate: only elements without memory use them.
-        slopes = [rate_of.get(content, 0.0 * self.one) for content in inputs]
         channels = tuple(name for name in outputs if name != self.drive_name)
-        observed = explicit([*inputs.values(), *slopes, *(outputs[name] for name in channels)])
+        B, w = rates[..., n + len(elements) :], len(elements)
+        seen = explicit([*inputs.values(), *(outputs[name] for name in channels)])
+        slopes, rated = _rates_of(seen[..., : len(inputs), :], rates)
+        observed = np.concatenate([seen[..., : len(inputs), :], slopes, seen[..., len(inputs) :, :]], axis=-2)
         name_of = {self._content(row): name for name, row, _, _ in self._states}
         contents = list(inputs)
         followed = [
@@ -382,11 +385,10 @@ class RecordModel:
             if e.kind == STOP
         ]  # fmt: skip
         memories = tuple(f"history {name}{followed[:k].count(name)}" for k, name in enumerate(followed))
-        w = len(elements)
         return Matrices(
-            A=rates[..., :n], W=rates[..., n : n + w], B=rates[..., n + w :], O=observed, scale=scale,
+            A=rates[..., :n], W=rates[..., n : n + w], B=B, O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=_parameters(elements),
-            places=places, channels=channels, states=tuple(state[0] for state in self._states),
+            places=places, rated=rated, channels=channels, states=tuple(state[0] for state in self._states),
             memories=memories, follow=self._followed(states, scale), own=tuple(self._own),
         )  # fmt: skip
 
@@ -424,6 +426,21 @@ def _stacked(rows: Sequence[Row]) -> np.ndarray:
     for k, row in enumerate(rows):
         found[..., k, :] = row
     return found
+
+
+def _rates_of(seen: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rates of the elements' inputs, as rows like theirs, and which of them are known.
+
+    That of an input which an element's output reaches directly, or which depends on the rate of the drive, is not.
+    """
+    n = rates.shape[-2]
+    others = tuple(range(seen.ndim - 2))
+    found = seen[..., :n] @ rates
+    drive, drive_rate = (seen.shape[-1] - len(INPUTS) + INPUTS.index(name) for name in ("drive", "drive_rate"))
+    found[..., drive_rate] += seen[..., drive]
+    reached = np.concatenate([seen[..., n:drive], seen[..., drive_rate : drive_rate + 1]], axis=-1)
+    rated = ~np.any(reached != 0.0, axis=(*others, -1))
+    return np.where(rated[:, None], found, 0.0), rated
 
 
 def _parameters(elements: Sequence[ScalarElement]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Discretisation to a step of one sample, exact for the linear part under cubic drive and linear elements' outputs."""
+"""Discretisation to a step of one sample, exact for the linear part where drive and elements' outputs are cubics."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ class SampleStep(NamedTuple):
     """Matrices that propagate a specimen by one sample.
 
     With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of time over the
-    step): z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
+    step): z <- M g + H p, p being the elements' outputs over the step as in `StepMemory`, and O as in `Matrices`. For
+    derivatives every array has the parameters as its last axis.
 
     Attributes
     ----------
     M : (n, n + elements + 6) array
-    H : (n, elements) array
+    H : (n, 3 elements) array
     O : (2 inputs + outputs, n + elements + 4) array
     limits : (elements,) array
         Thresholds of stops, exponents of powers, knots of hinges.
@@ -62,7 +63,8 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
     parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
     constant = G[0] @ one + share * (G[1] @ time)
     M = np.concatenate([top[..., :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time], axis=-1)
-    return SampleStep(M, G[1] @ W, matrices.O, matrices.parameters)
+    H = np.concatenate([G[1] @ W, (G[1] - G[2]) @ W, (G[2] - G[3]) @ W], axis=-1)
+    return SampleStep(M, H, matrices.O, matrices.parameters)
 
 
 def _exponentials(A: np.ndarray) -> np.ndarray:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.predict.pace import Pace
-from piezoharvest.predict.propagation.arguments import Elements, PropagatedState, StepDrive, StepMemory
+from piezoharvest.predict.propagation.arguments import SLOPES, Elements, PropagatedState, StepDrive, StepMemory
+from piezoharvest.predict.propagation.within_step import VARIABLES
 from piezoharvest.predict.record_model import Matrices
 
 NO_RISE = 0, np.zeros((0, 2))  # for a drive that depends on no parameter
@@ -17,6 +18,8 @@ class Propagation:
     Parameters
     ----------
     matrices : Matrices
+    acts : (elements,) array of bool
+        As in `Elements`.
     z : (states,) array
         Initial states.
     dz : (states, lanes) array
@@ -27,21 +30,27 @@ class Propagation:
         Their derivatives.
     """
 
-    def __init__(self, matrices: Matrices, z: np.ndarray, dz: np.ndarray, w: np.ndarray, dw: np.ndarray) -> None:
+    def __init__(
+        self, matrices: Matrices, acts: np.ndarray, z: np.ndarray, dz: np.ndarray, w: np.ndarray, dw: np.ndarray
+    ) -> None:
         self.inputs, self.lanes = len(matrices.O) - len(matrices.channels), dz.shape[1]
         m, n, elements, lanes = self.inputs, len(z), len(w), self.lanes
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
         limits = np.real(matrices.parameters).astype(float)  # whole exponents, too: another type compiles all anew
-        self._elements = Elements(matrices.kinds, matrices.places, limits)
+        self._elements = Elements(matrices.kinds, matrices.places, limits, acts, matrices.rated)
         self._state = PropagatedState(
-            y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m), d=np.vstack([dz, dw]),
+            y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m),
+            d=np.vstack([dz, dw, np.zeros((2 * elements, lanes))]),
             dinputs=np.zeros((m, lanes)), local=self.local, sizes=np.zeros(m),
         )  # fmt: skip
         self._memory = StepMemory(
             g=np.zeros(n + elements + 6), z=np.zeros(n), dz=np.zeros((n, lanes)),
             base=np.zeros(m), old=np.zeros(m), before=np.zeros(elements),
             trial=np.zeros(m), residual=np.zeros((m, 1)), move=np.zeros(m),
-            slopes=np.zeros((elements, 7)), J=np.zeros((m, m)), right=np.zeros((m, lanes)),
+            outputs=np.zeros(3 * elements), slopes=np.zeros((3, elements, SLOPES)),
+            first=np.zeros(4), second=np.zeros(4), inside=np.zeros((3, SLOPES + 1)),
+            by_base=np.zeros(VARIABLES), moments=np.zeros((2, VARIABLES + 1)), corners=np.zeros((3, VARIABLES + 1)),
+            J=np.zeros((m, m)), right=np.zeros((m, lanes)),
         )  # fmt: skip
 
     def go(

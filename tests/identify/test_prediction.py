@@ -324,7 +324,7 @@ def test_small_steps_follow_the_drive():
 
 
 @pytest.mark.slow
-def test_what_bends_at_resonance_takes_several_steps_a_sample():
+def test_what_bends_at_resonance_is_followed_by_cubics():
     """Outputs of elements that run straight between samples are off by (w h)^2/12 of what these do, here a 130th."""
     hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}
     cubic = {"cubic_stiffness": 1e8}
@@ -332,13 +332,13 @@ def test_what_bends_at_resonance_takes_several_steps_a_sample():
     truth = waves({**BEAM, "hysteresis": hysteresis}, sine, effects=[("stiffening", cubic)])
     device = build_transducer({**BEAM, "hysteresis": hysteresis})
     device = replace(device, effects=(build(registered()["stiffening"], cubic, "stiffening"),))
-    setting, off = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force")), {}
-    for fine in (1, 4):
+    setting, found = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force")), {}
+    for fine in (1, 2, 8):
         (block,) = Prediction(device, replace(setting, fine=fine)).blocks(False)
-        wanted = truth.sensed("displacement")
-        off[fine] = np.abs(block.values[:, 0] - wanted).max() / np.abs(wanted).max()
-    assert off[1] > 5e-4
-    assert off[4] < off[1] / 12.0
+        found[fine] = block.values[:, 0]
+    wanted = truth.sensed("displacement")
+    assert np.abs(found[1] - wanted).max() < 3e-5 * np.abs(wanted).max()  # the drive's spline is off by 1e-5
+    assert np.abs(found[2] - found[8]).max() < np.abs(found[1] - found[8]).max() / 10.0
 
 
 def _beam_off_equilibrium(lag, nuisance=(1e-4, 0.02, 1e-8), parameters=()):

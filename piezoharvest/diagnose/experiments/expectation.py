@@ -17,7 +17,7 @@ from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.experiments.candidates import Planned, scaled
 from piezoharvest.diagnose.experiments.reach import Reach
-from piezoharvest.identify.fitting.data import Data, curvature_of, steps_for
+from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Whitener
@@ -27,6 +27,7 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, p
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.predict.step_counts import with_steps
 from piezoharvest.records.record import Record, Signal
 
 DC_SIDE = "dc_voltage", "dc_current"  # channels of circuits with diodes
@@ -158,8 +159,7 @@ class Bench:
         (nuisance,) = Problem([data], self.nominal, self.offsets).start(model)
         blocks = residual_blocks(replace(model, parameters=()), data, nuisance, False)
         values = -np.concatenate([residual for _, _, residual, _ in blocks])
-        bends = [curvature_of(values[:, n], self.noise.sigma[c], setting.jumps) for n, c in enumerate(channels)]
-        setting = replace(setting, fine=steps_for(bends, len(values)))
+        setting = with_steps(setting, [(values[:, n], self.noise.sigma[c]) for n, c in enumerate(channels)])
         return replace(data, record=self._record(planned, values), setting=setting)
 
     def _channels(self, planned: Planned) -> tuple[str, ...]:

@@ -19,21 +19,15 @@ from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.identify.noise.proportional_noise import relative_variance
 from piezoharvest.predict.circuit.setting import circuit_setting, has_events, periodic_setting
-from piezoharvest.predict.discrete_model import STEPS_AFTER_JUMP, Setting, setting_of
+from piezoharvest.predict.discrete_model import Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
+from piezoharvest.predict.step_counts import with_steps
 from piezoharvest.records.checks.unused import unused
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import shifted
 from piezoharvest.records.record import Record, Signal
 
 MAX_TIME_JITTER = 1e-2  # of the sample time: largest deviation of time stamps from a uniform grid
-MIN_RELATIVE_NOISE = 5e-5  # of a response's standard deviation: accuracy that is enough for any smaller noise
-# Standard deviations of a parameter that follows the error of linear interpolation, within a step of a model with
-# elements, in every sample: its error grows with the root of their number. With the noise of one sample in its place, a
-# stiffening was 0.3 % too large, 20 standard deviations.
-MAX_INTERPOLATION_ERROR = 1.0
-MAX_SUBSTEPS = 16  # most such steps in a sample
-NOISE_MARGIN = 1.2  # times the variance of noise: smaller second differences count as noise
 # Extreme samples that are equal, within this relative tolerance, at the end of a range.
 MIN_CLIPPED_SAMPLES = 4
 EQUALITY_TOLERANCE = 1e-9
@@ -179,8 +173,8 @@ def _prepared(record: Record, transducer: Transducer) -> Data:
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start, hidden)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
-    fine = steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels], len(record))
-    setting = replace(setting, fine=fine, reach=_reach(record, clean, transducer))
+    setting = with_steps(setting, [(record[c], noise[c]) for c in channels])
+    setting = replace(setting, reach=_reach(record, clean, transducer))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
 
 
@@ -259,26 +253,6 @@ def unclipped_noise(values: np.ndarray) -> float:
         return initial_noise(values)
     inside = np.flatnonzero(np.lib.stride_tricks.sliding_window_view(ends, 5).sum(axis=1) == 0)
     return initial_noise(values, inside if len(inside) else slice(None))
-
-
-def curvature_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
-    """Rms second difference of a response, in units of its noise: for a sine, (w h)^2 times its rms.
-
-    If the noise is almost zero, a small part of the response's standard deviation is used instead.
-
-    A twelfth of the second difference is the error of linear interpolation between samples.
-    """
-    bends = np.diff(values, 2)
-    beside = jumps[:, None] + np.arange(-2, STEPS_AFTER_JUMP)  # these steps are small ones anyway
-    bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
-    above = np.mean(bends**2) - NOISE_MARGIN * 6.0 * sigma**2 if len(bends) else 0.0
-    return float(np.sqrt(above) / max(sigma, MIN_RELATIVE_NOISE * values.std())) if above > 0.0 else 0.0
-
-
-def steps_for(bends: Sequence[float], count: int) -> int:
-    """Steps within a sample for the curvatures of the channels (`curvature_of`) of a record of `count` samples."""
-    error = np.sqrt(count) * max(bends) / 12.0
-    return int(np.clip(np.ceil(np.sqrt(error / MAX_INTERPOLATION_ERROR)), 1, MAX_SUBSTEPS))
 
 
 def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:

@@ -6,6 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+# Variables of `StepMemory.slopes`: an element's previous output; value and rate of its first input, at both ends of the
+# step; of its second one; its limit.
+BEFORE, FIRST, FIRST_END, SECOND, SECOND_END, BY_LIMIT, SLOPES = 0, 1, 3, 5, 7, 9, 10
+
 
 class StepDrive(NamedTuple):
     """The drive in a block of steps.
@@ -47,8 +51,8 @@ class StepMatrices(NamedTuple):
     inputs, outputs : arrays
         Rows of O for the elements' inputs (and their rates), without the influence of the elements' outputs, and for
         the outputs.
-    feed : (inputs, elements) array
-        Influence of the elements' outputs at the end of the step on their inputs there.
+    feed : (inputs, 3 elements) array
+        Influence of `StepMemory.outputs` on the elements' inputs at the end of the step.
     """
 
     h: float
@@ -112,7 +116,7 @@ class ElementSlopes(NamedTuple):
     from_elements : Sparse
         H.
     to_inputs, to_outputs : Sparse
-        O for states and outputs of the elements; for the inputs with `StepMatrices.feed`.
+        O for states and outputs of the elements; for the inputs with `StepMatrices.feed`, of outputs over the step.
     """
 
     M: Tangent
@@ -135,11 +139,17 @@ class Elements(NamedTuple):
         As in `Matrices`.
     limits : (elements,) array
         Thresholds of stops, exponents of powers, knots of hinges.
+    acts : (elements,) array of bool
+        The output acts on states: its course within a step matters.
+    rated : (inputs / 2,) array of bool
+        As in `Matrices`.
     """
 
     kinds: np.ndarray
     places: np.ndarray
     limits: np.ndarray
+    acts: np.ndarray
+    rated: np.ndarray
 
 
 class PropagatedState(NamedTuple):
@@ -151,8 +161,8 @@ class PropagatedState(NamedTuple):
         States, outputs of the elements, drive, its rate, 1 and time.
     inputs : (inputs,) array
         Inputs of the elements, then their rates.
-    d, dinputs : (n + elements, lanes), (inputs, lanes) array
-        Derivatives of states and outputs of the elements, and of their inputs.
+    d, dinputs : (n + 3 elements, lanes), (inputs, lanes) array
+        Derivatives of states and of `StepMemory.outputs`, and of the elements' inputs.
     local : (elements, 2) array
         Sum over the steps of the elements' slopes with respect to their inputs.
     sizes : (inputs,) array
@@ -180,8 +190,15 @@ class StepMemory(NamedTuple):
         Inputs without the contribution of the elements' outputs; inputs and outputs at the previous sample.
     trial, residual, move : arrays
         Inputs in Newton's method, their residuals and their last change.
-    slopes : (elements, 7) array
-        Derivatives of the elements' outputs.
+    outputs : (3 elements,) array
+        Outputs over the step: at its end, then the coefficients of s (1 - s) and of s^2 (1 - s), s being the share of
+        the step, by which they differ from straight lines.
+    slopes : (3, elements, SLOPES) array
+        Derivatives of these.
+    first, second : (4,) array
+        Coefficients of the inputs of an element in powers of s.
+    inside, by_base, moments, corners : arrays
+        For one element, as in `element_output` and `within_step`.
     J : (inputs, inputs) array
         Matrix of the equations to be solved.
     right : (inputs, lanes) array
@@ -197,6 +214,13 @@ class StepMemory(NamedTuple):
     trial: np.ndarray
     residual: np.ndarray
     move: np.ndarray
+    outputs: np.ndarray
     slopes: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    inside: np.ndarray
+    by_base: np.ndarray
+    moments: np.ndarray
+    corners: np.ndarray
     J: np.ndarray
     right: np.ndarray

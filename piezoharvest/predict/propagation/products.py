@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.predict.propagation.arguments import FIRST_END, SECOND_END
 
 
 @compiled
@@ -87,18 +88,24 @@ def scatter(tangent, begin, end, first, out):
 
 
 @compiled
-def solve(K, slopes, places, J, right):
+def solve(K, slopes, elements, J, right):
     """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
-    m = len(J)
-    half = m // 2
+    m, places = len(J), elements.places
+    half, count = m // 2, len(places)
     for r in range(m):
         for c in range(m):
             J[r, c] = 1.0 if r == c else 0.0
-    for j in range(len(places)):
-        for r in range(m):
-            J[r, places[j, 0]] -= K[r, j] * slopes[j, 3]
-            J[r, half + places[j, 0]] -= K[r, j] * slopes[j, 4]
-            J[r, places[j, 1]] -= K[r, j] * slopes[j, 5]
+    for j in range(count):
+        a, b = places[j, 0], places[j, 1]
+        for q in range(3 if elements.acts[j] else 1):
+            by_first, by_rate = slopes[q, j, FIRST_END], slopes[q, j, FIRST_END + 1]
+            by_second, by_its_rate = slopes[q, j, SECOND_END], slopes[q, j, SECOND_END + 1]
+            for r in range(m):
+                fed = K[r, q * count + j]
+                J[r, a] -= fed * by_first
+                J[r, half + a] -= fed * by_rate
+                J[r, b] -= fed * by_second
+                J[r, half + b] -= fed * by_its_rate
     for c in range(m):
         pivot = c
         for r in range(c + 1, m):

@@ -1,6 +1,6 @@
 """Compiled propagation over the samples of a record, with derivatives with respect to all parameters.
 
-Between two samples all is linear except the elements, whose outputs at the end of a step depend on the state there.
+Between two samples all is linear except the elements, whose outputs over a step depend on the state at its end.
 Derivatives are propagated with the step, parameters being the innermost axis so that the loops over them are
 vectorised. The functions that make up a step are inlined: it takes less than a microsecond, of which calls with so
 many arrays would be a good part.
@@ -16,6 +16,12 @@ from piezoharvest.engine.compilation.compiled import entry, inlined
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
 from piezoharvest.predict.propagation.arguments import (
+    BEFORE,
+    BY_LIMIT,
+    FIRST,
+    FIRST_END,
+    SECOND,
+    SECOND_END,
     Elements,
     ElementSlopes,
     PropagatedState,
@@ -44,28 +50,28 @@ def _apply_drive(drive, step, y, g, k):
 def _advance(step, elements, state, memory):
     """States, inputs and outputs of the elements at the end of a step; return True if found."""
     y, inputs, trial, n, count = state.y, state.inputs, memory.trial, len(memory.z), len(memory.before)
-    w = y[n : n + count]
     dot(step.M, memory.g, memory.z)
     for r in range(n):
         y[r] = memory.z[r]
     dot(step.inputs, y, memory.base)
     for j in range(count):
-        memory.before[j] = w[j]
+        memory.before[j] = y[n + j]
     for r in range(len(inputs)):
         memory.old[r] = inputs[r]
         trial[r] = memory.base[r]
         for j in range(count):
-            trial[r] += step.feed[r, j] * w[j]
-    if not find_outputs(step, elements, state.sizes, memory, w):
+            trial[r] += step.feed[r, j] * y[n + j]
+    if not find_outputs(step, elements, state.sizes, memory):
         return False
     for r in range(len(inputs)):
         inputs[r] = trial[r]
     for j in range(count):
-        state.local[j, 0] += memory.slopes[j, 3]
-        state.local[j, 1] += memory.slopes[j, 5]
+        y[n + j] = memory.outputs[j]
+        state.local[j, 0] += memory.slopes[0, j, FIRST_END]
+        state.local[j, 1] += memory.slopes[0, j, SECOND_END]
     for r in range(n):
-        for j in range(count):
-            y[r] += step.H[r, j] * w[j]
+        for j in range(3 * count):
+            y[r] += step.H[r, j] * memory.outputs[j]
     return True
 
 
@@ -73,16 +79,16 @@ def _advance(step, elements, state, memory):
 def _advance_state_derivatives(drive, step, slopes, state, memory, k):
     """Derivatives of the states, without the influence of those of the elements' present outputs."""
     d, dz = state.d, memory.dz
-    n, size = len(dz), len(d)
+    n, driven = len(dz), len(memory.z) + len(memory.before)
     weighted_sums(slopes.M, memory.g)
     clear(dz)
     scatter(slopes.M, 0, len(slopes.M.sums), 0, dz)
     if len(drive.rise):
         for r in range(n):
-            dz[r, drive.lane] += step.M[r, size] * drive.rise[k, 0]
-            dz[r, drive.lane + 1] += step.M[r, size] * drive.rise[k, 1]
+            dz[r, drive.lane] += step.M[r, driven] * drive.rise[k, 0]
+            dz[r, drive.lane + 1] += step.M[r, driven] * drive.rise[k, 1]
     add_product(slopes.from_states, d, dz)
-    weighted_sums(slopes.H, state.y[n:size])
+    weighted_sums(slopes.H, memory.outputs)
     scatter(slopes.H, 0, len(slopes.H.sums), 0, dz)
     assign(dz, d)
 
@@ -90,25 +96,48 @@ def _advance_state_derivatives(drive, step, slopes, state, memory, k):
 @inlined
 def _advance_element_derivatives(step, elements, slopes, state, memory):
     """Derivatives of the elements' inputs and outputs."""
-    d, dinputs, right, s, places = state.d, state.dinputs, memory.right, memory.slopes, elements.places
-    n, half, parameters = len(memory.z), len(dinputs) // 2, d.shape[1]
-    # First the part of the outputs that does not depend on the elements' present inputs.
-    for j in range(len(places)):
-        a, b = places[j, 0], places[j, 0] + half
-        s0, s1, s2, s6 = s[j, 0], s[j, 1], s[j, 2], s[j, 6]
-        for p in range(parameters):
-            d[n + j, p] = s0 * d[n + j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * slopes.limits[j, p]
+    d, dinputs, right, places = state.d, state.dinputs, memory.right, elements.places
+    n, half, parameters, count = len(memory.z), len(dinputs) // 2, d.shape[1], len(places)
+    # First the part of the outputs that does not depend on the elements' present inputs; the values at the end last, as
+    # the others depend on the previous ones.
+    for j in range(count):
+        a, b = places[j, 0], places[j, 1]
+        for q in range(2 if elements.acts[j] else 0, -1, -1):
+            s, at = memory.slopes[q, j], n + q * count + j
+            before, one, two, three, four, limit = (
+                s[BEFORE],
+                s[FIRST],
+                s[FIRST + 1],
+                s[SECOND],
+                s[SECOND + 1],
+                s[BY_LIMIT],
+            )
+            for p in range(parameters):
+                d[at, p] = (
+                    before * d[n + j, p]
+                    + one * dinputs[a, p]
+                    + two * dinputs[half + a, p]
+                    + limit * slopes.limits[j, p]
+                )
+            if three != 0.0 or four != 0.0:
+                for p in range(parameters):
+                    d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
     weighted_sums(slopes.O, state.y)
     clear(right)
     scatter(slopes.O, 0, slopes.input_entries, 0, right)
     add_product(slopes.to_inputs, d, right)
-    solve(step.feed, s, places, memory.J, right)
+    solve(step.feed, memory.slopes, elements, memory.J, right)
     assign(right, dinputs)
-    for j in range(len(places)):
-        a, b, c = places[j, 0], places[j, 0] + half, places[j, 1]
-        s3, s4, s5 = s[j, 3], s[j, 4], s[j, 5]
-        for p in range(parameters):
-            d[n + j, p] += s3 * dinputs[a, p] + s4 * dinputs[b, p] + s5 * dinputs[c, p]
+    for j in range(count):
+        a, b = places[j, 0], places[j, 1]
+        for q in range(3 if elements.acts[j] else 1):
+            s, at = memory.slopes[q, j], n + q * count + j
+            one, two, three, four = s[FIRST_END], s[FIRST_END + 1], s[SECOND_END], s[SECOND_END + 1]
+            for p in range(parameters):
+                d[at, p] += one * dinputs[a, p] + two * dinputs[half + a, p]
+            if three != 0.0 or four != 0.0:
+                for p in range(parameters):
+                    d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
 
 
 @inlined
