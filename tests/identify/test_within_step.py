@@ -59,7 +59,9 @@ def test_the_cubic_ends_at_the_output_and_has_its_mean_and_first_moment(kind):
         cubic = output[0] * (1 - SHARES) + end * SHARES + (p + r * SHARES) * SHARES * (1 - SHARES)
         assert end == pytest.approx(output[-1], abs=1e-6), seed
         for weight in (1.0, SHARES):
-            assert np.trapezoid(weight * cubic, SHARES) == pytest.approx(np.trapezoid(weight * output, SHARES), abs=1e-6)
+            assert np.trapezoid(weight * cubic, SHARES) == pytest.approx(
+                np.trapezoid(weight * output, SHARES), abs=1e-6
+            )
 
 
 @pytest.mark.parametrize("kind", ["stop", "hinge"])

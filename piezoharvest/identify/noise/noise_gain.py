@@ -123,9 +123,10 @@ class _LinearStep(NamedTuple):
 
     @classmethod
     def of(cls, prediction: Prediction, rows: Sequence[int]) -> _LinearStep:
-        """Eliminate the elements: w = local * inputs, inputs = O [z; w; e]."""
+        """Eliminate the elements: w = local * inputs, inputs = O [z; w; e], straight lines within a step."""
         m, (M, H, O, _) = prediction.matrices, prediction.step  # noqa: E741
-        n, w = H.shape
+        n, w = len(M), len(m.kinds)
+        H = H[:, :w]
         inputs = (len(O) - len(m.channels)) // 2
         local = np.zeros((w, inputs))
         for j, (first, second) in enumerate(m.places):
