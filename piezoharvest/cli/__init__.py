@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | check | identify | diagnose | plan`.
 
 Beside these there are `export`, `import`, `explore`, `new`, `catalogue` and `demo`. typer only parses the arguments;
 each command returns the work to be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable;
@@ -195,6 +195,18 @@ def measure(
     from piezoharvest.cli import commands
 
     return partial(commands.measure, study, out)
+
+
+@app.command()
+def check(campaign: CampaignFile, json: AsJson = False) -> Work:
+    """Read and check the records of a campaign, without a fit.
+
+    Prints what each record is taken for: drive, load, samples, and the range of every channel, where a wrong unit is
+    easily seen. The exit status is 1 if there are warnings.
+    """
+    from piezoharvest.cli.on_campaigns import check_command
+
+    return partial(check_command.check, campaign, as_json=json)
 
 
 @app.command()

@@ -80,7 +80,7 @@ def engineering(value: float | None, unit: str = "", digits: int = 3, *, exact: 
     """Number with its unit and an SI prefix, such as "98.1 kΩ"; a dash if it is not finite."""
     if value is None or not math.isfinite(value):
         return NONE
-    factor, printed = prefix_of(value, unit)
+    factor, printed = prefix_of(float(f"{value:.{digits}g}"), unit)  # as it is printed: 999.5 ms is 1.00 s
     text = number(value * factor, digits, exact=exact)
     return f"{text}{SPACE}{printed}" if printed else text
 

@@ -1,0 +1,64 @@
+"""`piezoharvest check`: what a campaign's records are taken for, without a fit."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from piezoharvest.cli import main
+
+CAMPAIGN = """
+title = "beam"
+[transducer]
+mass = 0.010
+damping = 0.0628
+stiffness = 986.96
+coupling = 1.0e-3
+capacitance = 40e-9
+[channels]
+force = { column = "F", unit = "mN" }
+displacement = { column = "x", unit = "mm" }
+[[records]]
+file = "a.csv"
+load_resistance = 1e5
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    time = np.arange(2000) / 2e3
+    turns = 2 * np.pi * (20.0 + 10.0 * time) * time
+    rows = np.column_stack([time, 20.0 * np.sin(turns), 0.03 * np.sin(turns)])
+    np.savetxt(tmp_path / "a.csv", rows, header="time_s,F,x", comments="", delimiter=",", fmt="%.6f")
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    return tmp_path / "campaign.toml"
+
+
+def test_the_table_has_what_a_record_is_taken_for(campaign, capsys):
+    assert main(["check", str(campaign)]) == 0
+    out, err = capsys.readouterr()
+    for words in ("a.csv", "force", "resistor", "2000", "1.00 s at 2.00 kHz", "−20.0 mN to 20.0 mN", "−30.0 µm to 30.0 µm"):
+        assert words in " ".join(out.split()), words
+    assert err == ""
+
+
+def test_a_warning_is_in_the_json_and_the_status(campaign, capsys):
+    lines = (campaign.parent / "a.csv").read_text().splitlines()
+    lines[900] = lines[900].rsplit(",", 1)[0] + ",0.09"
+    (campaign.parent / "a.csv").write_text("\n".join(lines) + "\n")
+    assert main(["check", str(campaign), "--json"]) == 1
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    (record,) = found["specimens"][0]["records"]
+    assert record["ranges"]["displacement"] == pytest.approx([-3e-5, 9e-5], rel=1e-3)
+    assert (record["sample_rate"], record["samples"], record["shunt"]) == (pytest.approx(2e3), 2000, "resistor")
+    assert [finding["check"] for finding in found["warnings"]] == ["spike"]
+    assert err.startswith("warning: a.csv: displacement")
+
+
+def test_what_cannot_be_read_is_one_sentence(campaign, capsys):
+    (campaign.parent / "a.csv").unlink()
+    assert main(["check", str(campaign)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
