@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.curves import CODES, CURVES, PARITIES, SLOPES_AT_REST
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, DeadZone, Knee
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, DeadZone, Knee, TwoKnees
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.places import Electrodes, Spring
 from piezoharvest.engine.motion import curves
@@ -21,6 +21,7 @@ FORMS = [
     Knee(factor=300.0, knee=1e-7, sides=-1),
     Knee(factor=3000.0, knee=1e-5),
     DeadZone(factor=-60.0, zone=1e-4),
+    TwoKnees(factor=3000.0, second=800.0, upper=2e-5, lower=-5e-5),
     Corners(knots=(0.0, 5e-5, 1e-4, -5e-5), kinks=(100.0, -200.0, 500.0, 80.0)),
     Bends(knots=(0.0, -0.0, 1e-4), kinks=(3e5, 1e5, -2e5)),
 ]

@@ -39,7 +39,15 @@ def campaign(tmp_path):
 def test_the_table_has_what_a_record_is_taken_for(campaign, capsys):
     assert main(["check", str(campaign)]) == 0
     out, err = capsys.readouterr()
-    for words in ("a.csv", "force", "resistor", "2000", "1.00 s at 2.00 kHz", "−20.0 mN to 20.0 mN", "−30.0 µm to 30.0 µm"):
+    for words in (
+        "a.csv",
+        "force",
+        "resistor",
+        "2000",
+        "1.00 s at 2.00 kHz",
+        "−20.0 mN to 20.0 mN",
+        "−30.0 µm to 30.0 µm",
+    ):
         assert words in " ".join(out.split()), words
     assert err == ""
 

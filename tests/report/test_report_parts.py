@@ -34,7 +34,7 @@ BRIDGES = "bridge on a stack", "bridge over a band"
         (1e-3, "N/V", "1.00 mN/V"), (999.96, "W", "1.00 kW"), (0.0, "W", "0 W"), (-3e-5, "m", "−30.0 µm"),
         (2.0, "m/s^2", "2.00 m/s²"),
         (0.1, "N^2/Hz", "0.100 N²/Hz"), (float("nan"), "W", "–"), (None, "W", "–"), (5e5, "V/C", "500 kV/C"),
-        (1e-20, "W", "1.00·10⁻⁵ fW"), (0.05, "dB", "0.0500 dB"),
+        (1e-20, "W", "1.00·10⁻⁵ fW"), (0.9995, "s", "1.00 s"), (0.05, "dB", "0.0500 dB"),
     ],
 )  # fmt: skip
 def test_engineering_notation(value, unit, text):

@@ -17,6 +17,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Monomial,
     Polynomial,
     Power,
+    TwoKnees,
 )
 from piezoharvest.description.effects.nameless.kinds import PARTS, kind_of, kinds_of
 from piezoharvest.description.effects.nameless.law import Law
@@ -53,6 +54,7 @@ LAWS = [
     Law(
         place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=np.float64(0.6), width=0.01, knots=(0.0, 0.1))
     ),
+    Law(place=Spring(), form=TwoKnees(factor=300.0, second=80.0, upper=np.float64(1e-4), lower=-2e-4)),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
     Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),

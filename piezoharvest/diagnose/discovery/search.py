@@ -15,7 +15,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, ScoredLaw, best_of, fitted, score, without_law
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
@@ -159,7 +159,9 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         best = min((one.evidence for one in done), default=np.inf)
         if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
             continue
-        if problem.needs_engine and done and not _may_do_as_well(problem, best_of(done)[0], each):
+        # Where the misfit is large all places are in, and each of their fits takes long.
+        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or _leaves_little(one)]
+        if not all(_may_do_as_well(problem, one, each) for one in ahead):
             continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
         if found is None:
@@ -174,23 +176,39 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
     return done
 
 
+def _leaves_little(law: LawFit) -> bool:
+    """True if what a law leaves is mostly noise."""
+    return mean_square(law.found) < 1.0 + thresholds.MUCH_LEFT
+
+
 def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
     """False if another law, scored where the best one has taken the parameters, explains too little of what that does.
 
     There a score tells more than at the start, from which a fit may take minutes: without a law the parameters have
-    gone far to make up for it.
+    gone far to make up for it. Of a large law a score is little, for the best one as for the others.
     """
     bare = without_law(problem, best)
     explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
         float(part.squares.sum()) for part in best.found.sums
     )
-    if other.law.memory is None:
-        again = score(problem, bare, other.law, other.visited)
-        gain = 0.0 if again is None else again.gain
-    else:
-        absent = at_null(other.law)
-        gain = max((each.gain for each in score_memories(problem, bare, [absent], other.visited)), default=0.0)
-    return gain > thresholds.MIN_EXCHANGE_SCORE * explained
+    own = _gain_from(problem, bare, _without_values(best.law), best.visited)
+    return _gain_from(problem, bare, other.law, other.visited) > thresholds.MIN_EXCHANGE_SCORE * min(explained, own)
+
+
+def _gain_from(problem: Problem, bare: Fit, law: Law, visited: np.ndarray) -> float:
+    """Score of a law beside the parameters of a fit, 0 where it has none."""
+    if law.memory is None:
+        found = score(problem, bare, law, visited)
+        return 0.0 if found is None else found.gain
+    return max((each.gain for each in score_memories(problem, bare, [at_null(law)], visited)), default=0.0)
+
+
+def _without_values(law: Law) -> Law:
+    """The law without kinks, or with the factor 0, as it is scored."""
+    form = law.form
+    if isinstance(form, TABLES):
+        return replace(law, form=replace(form, kinks=(0.0,) * len(form.kinks)))
+    return replace(law, form=replace(form, factor=0.0)) if isinstance(form, Line) else law
 
 
 def _words(law: Law) -> str:

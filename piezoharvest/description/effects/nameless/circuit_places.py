@@ -8,7 +8,7 @@ from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Form, Knee, Line, numbers_of
+from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Form, Knee, Line, TwoKnees, numbers_of
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Curve
@@ -112,8 +112,8 @@ def _corners(form: Form, reach: float) -> np.ndarray:
         corners: list[Any] = [0.0, *(knot for knot in form.knots if knot > 0.0)]
     elif isinstance(form, Line):
         corners = [0.0]
-    elif isinstance(form, Knee | DeadZone):
-        corners = [0.0, form.knee if isinstance(form, Knee) else form.zone]
+    elif isinstance(form, Knee | TwoKnees | DeadZone):
+        corners = [0.0, getattr(form, {Knee: "knee", TwoKnees: "upper", DeadZone: "zone"}[type(form)])]
     else:
         corners = numbers_of(_where_it_bends(form, reach))
     parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]

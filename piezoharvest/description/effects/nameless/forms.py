@@ -190,6 +190,27 @@ class Knee(Form):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TwoKnees(Form):
+    """Nothing between two knees, and a straight line beyond each of them: two end stops that are not alike."""
+
+    label: ClassVar[str] = "two_knees"
+    strengths: ClassVar[tuple[str, ...]] = ("factor", "second")
+
+    factor: float = quantity("", "slope above the upper knee, in units of what is added by the input's", null=0.0)
+    second: float = quantity("", "slope below the lower knee, likewise", null=0.0)
+    upper: float = quantity("", "input at the upper knee, in its unit")
+    lower: float = quantity("", "input at the lower knee, likewise")
+
+    def values(self, x: np.ndarray) -> Array:
+        x = np.asarray(x)
+        above = np.where(x > np.real(self.upper), x - self.upper, 0.0)
+        return self.factor * above + self.second * np.where(x < np.real(self.lower), x - self.lower, 0.0)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return specimen.hinges(x, [(1.0, self.upper, self.factor), (-1.0, self.lower, -self.second)])
+
+
+@dataclass(frozen=True, kw_only=True)
 class DeadZone(Form):
     """A straight line through zero that goes on level beyond a zone; with a slope of -1 it takes the zone out."""
 

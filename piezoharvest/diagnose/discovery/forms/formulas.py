@@ -28,6 +28,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Monomial,
     Polynomial,
     Power,
+    TwoKnees,
     outward,
 )
 from piezoharvest.description.effects.nameless.places import TIMES, Place, Reading
@@ -53,6 +54,7 @@ HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
+TWO_KNEES = 4  # the same for each of two on both sides
 STEP_WIDTH = 0.05  # start value of a change over time, of the range: half the distance of a table's corners
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
 SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
@@ -256,6 +258,10 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
         knees = begin + (reach - begin) * np.linspace(0.04, 0.96, KNEES)
         make = lambda z, s=sides_of: Knee(factor=z[0], knee=z[1], sides=s)  # noqa: E731
         yield [(make, np.array([knee if sides_of != -1 else -knee])) for knee in knees]
+    if len(sides) == 2 and not place.in_circuit:
+        make = lambda z: TwoKnees(factor=z[0], second=z[1] * z[0], upper=z[2], lower=z[3])  # noqa: E731
+        shares = np.linspace(0.04, 0.96, TWO_KNEES)
+        yield [(make, np.array([1.0, up * high, down * low])) for up in shares for down in shares]
     if not bent:  # else it is a knee beside the model's straight line
         zones = size * np.linspace(0.04, 0.96, KNEES)
         yield [(lambda z: DeadZone(factor=z[0], zone=z[1]), np.array([zone])) for zone in zones]

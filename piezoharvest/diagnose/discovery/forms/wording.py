@@ -13,6 +13,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Monomial,
     Polynomial,
     Power,
+    TwoKnees,
 )
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
@@ -53,6 +54,10 @@ def in_si(form: Form, place: Place, found: dict[str, Value]) -> dict[str, Value]
     if isinstance(form, Knee | Line | DeadZone):
         slope = value, std, per(place.unit, place.input_unit)
         return {"slope": slope, **{name: each for name, each in found.items() if name != "factor"}}
+    if isinstance(form, TwoKnees):
+        slopes = zip(("slope_above", "slope_below"), ADDED, strict=True)
+        found = {**found, **{name: (*found[key][:2], per(place.unit, place.input_unit)) for name, key in slopes}}
+        return {name: each for name, each in found.items() if name not in ADDED}
     if isinstance(form, Monomial):
         return {"factor": _scaled(found["factor"], form.scale, form.exponent, place)}
     if isinstance(form, Polynomial):
@@ -89,15 +94,23 @@ def formula(law: Law) -> str:
     if isinstance(form, DeadZone):
         return f"{form.factor:.4g} {per(unit, of)} * clip({s}, +-{form.zone:.4g} {of})"
     if isinstance(form, Knee):
-        sign, side = "-" if form.knee >= 0 else "+", {2: ", odd", 1: "", -1: ", below"}[form.sides]
-        inside = f"{s} {sign} {abs(form.knee):.4g} {of}".rstrip()
-        return f"{form.factor:.4g} {per(unit, of)} * hinge({inside}){side}"
+        side = {2: ", odd", 1: "", -1: ", below"}[form.sides]
+        return f"{form.factor:.4g} {per(unit, of)} * hinge({_ahead(s, form.knee, of)}){side}"
+    if isinstance(form, TwoKnees):
+        above, below = (f"{_ahead(s, knee, of)}" for knee in (form.upper, form.lower))
+        slopes = [f"{slope:.4g} {per(unit, of)}" for slope in (form.factor, form.second)]
+        return f"{slopes[0]} * max({above}, 0) + {slopes[1]} * min({below}, 0)"
     if isinstance(form, Monomial):
         return f"{form.factor / form.scale**form.exponent:.4g} {per(unit, of, form.exponent)} * {s}^{form.exponent}"
     if isinstance(form, Polynomial):
         terms = zip((form.factor, form.second), form.exponents, strict=True)
         return " + ".join(f"{a / form.scale**n:.4g} {per(unit, of, n)} * {s}^{n}" for a, n in terms)
     return _of_scale(form, s, unit, of)
+
+
+def _ahead(s: str, knee: float, of: str) -> str:
+    """By how much an input is above a knee."""
+    return f"{s} {'-' if knee >= 0 else '+'} {abs(knee):.4g} {of}".rstrip()
 
 
 def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
