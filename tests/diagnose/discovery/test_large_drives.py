@@ -5,6 +5,7 @@ import pytest
 from diagnose.swept import TRUE, campaign
 
 from piezoharvest import identify
+from piezoharvest.description.effects.nameless.forms import TwoKnees
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.identify.fitting.output_error import mean_square
@@ -12,9 +13,9 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.preparation import prepared
 
 
-def found_in(seed, spring):
+def found_in(seed, spring, amplitudes=(0.1, 0.5, 0.25)):
     """The form of the only law that a diagnosis finds; with the stiffness beside it, it is the spring's force."""
-    found = diagnose(campaign("white", seed, spring=spring))
+    found = diagnose(campaign("white", seed, amplitudes, spring=spring))
     assert found.verdict == "new_effect", (found.verdict, found.effects)
     (discovery,) = found.discovery
     assert (discovery.law.place.name, discovery.law.place.input) == ("spring", "displacement")
@@ -49,6 +50,16 @@ def test_what_small_drives_show_is_fitted_to_all_records():
 def of_largest(problem):
     """The problem with the record of the largest drive alone."""
     return Problem(problem.data[1:], problem.nominal, problem.offset_channels)
+
+
+def test_two_end_stops_that_are_not_alike():
+    def stops(x):
+        return 900.0 * np.maximum(x - 2e-4, 0.0) + 300.0 * np.minimum(x + 1.2e-4, 0.0)
+
+    form = found_in(1, stops, (0.1, 0.3, 0.2))
+    assert isinstance(form, TwoKnees)
+    assert [form.factor, form.second] == pytest.approx([900.0, 300.0], rel=2e-3)
+    assert [form.upper, form.lower] == pytest.approx([2e-4, -1.2e-4], rel=2e-3)
 
 
 @pytest.mark.slow
