@@ -26,6 +26,7 @@ from piezoharvest.description.effects.nameless.places import (
     Coupling,
     Damper,
     Electrodes,
+    GainOverTime,
     Load,
     OverTime,
     Reading,
@@ -53,6 +54,8 @@ LAWS = [
     Law(
         place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=np.float64(0.6), width=0.01, knots=(0.0, 0.1))
     ),
+    Law(place=GainOverTime("force", "campaign_time"), form=StepChange(factor=0.1, at=20.7, width=1e-3, finest=1e-4)),
+    Law(place=Reading("displacement", "campaign_time"), form=Line(factor=1e-9)),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
     Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),

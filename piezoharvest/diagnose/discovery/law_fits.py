@@ -14,7 +14,7 @@ from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
@@ -170,6 +170,8 @@ def _of_form(law: Law, path: Path, deviation: float) -> list[Parameter]:
     if isinstance(form, Shape):  # a scale has no null value, and its size may be off by decades
         turned = {"scaling": "log", "sign": float(np.sign(form.scale))}
         found = [replace(p, **turned) if p.path[-1] == "scale" else p for p in found]
+    if isinstance(form, StepChange) and form.finest:  # within a sample no moment is better than another
+        found = [replace(p, lower=np.log(form.finest)) if p.path[-1] == "width" else p for p in found]
     sign = law.passive_sign
     if sign and isinstance(form, Line):
         bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
@@ -351,7 +353,10 @@ def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]
     low, high, memory = some.visited.min(), some.visited.max(), some.law.memory
     if isinstance(memory, Play):  # which the visited ones are of its start
         low, high = -memory.threshold, memory.threshold
-    x = np.linspace(low, high, count)
+    if some.place.input == "campaign_time":  # between the records nothing is known
+        x = np.quantile(some.visited, np.linspace(0.0, 1.0, count))
+    else:
+        x = np.linspace(low, high, count)
     return x, np.real(some.form.values(x))
 
 

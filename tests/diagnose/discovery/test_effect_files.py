@@ -18,7 +18,15 @@ from piezoharvest.description.effects.nameless.circuit_places import Diode, Swit
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, Play, Resonance
-from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, OverTime, Reading, Spring
+from piezoharvest.description.effects.nameless.places import (
+    Coupling,
+    Damper,
+    GainOverTime,
+    Load,
+    OverTime,
+    Reading,
+    Spring,
+)
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange, Stribeck
 from piezoharvest.description.shunts import ParallelSSHI, Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
@@ -45,6 +53,7 @@ LAWS = [
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
     Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
+    Law(place=GainOverTime("displacement"), form=StepChange(factor=-0.3, at=0.6, width=0.01, finest=1e-4)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
 ]
 

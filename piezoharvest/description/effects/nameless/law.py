@@ -70,7 +70,7 @@ class Law(Effect):
     @property
     def of_specimen(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """False for what a sensor shows."""
-        return not self.place.name.startswith("reading.")
+        return not self.place.of_sensor
 
     @property
     def of_drive(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]

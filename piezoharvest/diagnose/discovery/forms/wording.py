@@ -113,7 +113,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
     if isinstance(form, Coulomb):
         return f"{form.factor:.4g} {unit} * sign({s})"
     if isinstance(form, StepChange):
-        come = f"tanh(({s} - {form.at:.5g}) / {form.width:.4g} {of}".rstrip()
+        come = f"tanh(({s} - {form.at:.7g}) / {form.width:.4g} {of}".rstrip()
         return f"{form.factor:.4g} {unit} * ({come}) + {form.before:.4g}) / 2"
     if isinstance(form, Shockley):
         rest = f" + {form.resistance:.4g} ohm * {s}" if form.resistance else ""
