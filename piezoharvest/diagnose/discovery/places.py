@@ -16,6 +16,7 @@ from piezoharvest.description.effects.nameless.places import (
     Electrodes,
     GainOverTime,
     Load,
+    LoadCurrent,
     OverTime,
     Place,
     Reading,
@@ -51,8 +52,10 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
 
 
 def every_place(problem: Problem, visited: Visited) -> list[Place]:
-    """Places of both kinds."""
-    return list(dict.fromkeys([*places_of(problem, visited), *over_campaign(problem, visited)]))
+    """Places of both kinds, and of laws that always have a memory."""
+    some = places_of(problem, visited)
+    late = [LoadCurrent() for place in some if isinstance(place, Load) and "current" in visited]
+    return list(dict.fromkeys([*some, *late, *over_campaign(problem, visited)]))
 
 
 def over_campaign(problem: Problem, visited: Visited) -> list[Place]:

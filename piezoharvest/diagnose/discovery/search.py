@@ -9,14 +9,14 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Bends, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Play
-from piezoharvest.description.effects.nameless.places import TIMES, OverTime, Place, Reading
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation
+from piezoharvest.description.effects.nameless.places import TIMES, LoadCurrent, OverTime, Place, Reading
 from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
+from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, ended, fitted, score, without_law
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
@@ -146,8 +146,8 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
 
     A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared.
     """
-    with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
-    found = [(each, [each]) for each in with_memory]
+    with_memory = _at_their_ends(problem, start, best_of([each for each in done if each.law.memory is not None]))
+    found = [(forms[0], forms) for forms in (_lag_and_delay(problem, each) for each in with_memory)]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
         # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
         smoother = [] if problem.needs_engine else _smoother(problem, start, table)
@@ -155,6 +155,33 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
         found.append((smooth, ranked(problem, smooth)))
     found += [(table, ranked(problem, table)) for table in _tables_of_steps(problem, start, done, found)]
     return min(found, key=lambda each: each[1][0].criterion)
+
+
+def _at_their_ends(problem: Problem, start: Fit, laws: Sequence[LawFit]) -> list[LawFit]:
+    """The first of laws with a memory, or where its fit was stopped far from its end, the likeliest at its place."""
+    if not laws or laws[0].found.converged:
+        return list(laws[:1])
+    return best_of([ended(problem, start, each) for each in laws if _alike(each, laws[0])])[:1]
+
+
+def _lag_and_delay(problem: Problem, law: LawFit) -> list[LawFit]:
+    """The law, and of a load the delay that its lag may be or the lag that its delay may be, the likeliest first.
+
+    At low frequencies a lag is a delay of half the current by twice the time.
+    """
+    memory, form = law.law.memory, law.form
+    if not isinstance(law.place, LoadCurrent) or not isinstance(form, Line):
+        return [law]
+    if isinstance(memory, Relaxation):
+        other, factor = LateBy(delay=2.0 * memory.time_constant), 0.5 * form.factor
+    elif isinstance(memory, LateBy):
+        other, factor = Relaxation(time_constant=0.5 * memory.delay, behind=True), min(2.0 * form.factor, 1.0)
+    else:
+        return [law]
+    begun = replace(law.law, memory=other, form=replace(form, factor=float(factor)))
+    again = fitted(problem, without_law(problem, law), begun, law.visited)
+    both = [law] if again is None or again.memory_at_its_end else [law, again]
+    return sorted(both, key=lambda each: each.criterion)
 
 
 def _tables_of_steps(
@@ -251,6 +278,8 @@ def _scored(problem: Problem, start: Fit, places: Places) -> list[ScoredLaw]:
 
 def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | None:
     """What is tried first at a place: a table, but over time a straight line where the engine is needed."""
+    if isinstance(place, LoadCurrent):  # as the load over its voltage
+        return None
     if problem.needs_engine and isinstance(place, OverTime) and place.of in TIMES:
         return Line(factor=0.0)
     return table_for(place, visited)

@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Product, Row
-from piezoharvest.description.effects.nameless.forms import Form
+from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.sizes import SIZES, RecordSizes
-from piezoharvest.description.parameters import Component, check_choice
+from piezoharvest.description.parameters import Component, altered, check_choice
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder, SpecimenRows
 from piezoharvest.description.shunts.base import Shunt
 
@@ -26,6 +26,7 @@ CHANNELS = (
     "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
     "dc_current",
 )  # fmt: skip
+LEAST_LEFT = 1e-7  # of a load's current that does not lag in a simulation: rounding of it is 1e-9 then
 INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time", "campaign_time")
 
 
@@ -69,6 +70,7 @@ class Place(Component):
     needs_slope: ClassVar[bool] = False
     port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
     in_circuit: ClassVar[bool] = False  # a law acts by `connect`
+    power_of: ClassVar[str] = ""  # of no such port: row that, times what a law adds, is the power it takes
     of_sensor: ClassVar[bool] = False  # a law changes what a sensor shows, not the specimen
 
     def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
@@ -83,6 +85,10 @@ class Place(Component):
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         """Add a law here to the equations of a specimen."""
         raise NotImplementedError
+
+    def simulated(self, form: Form) -> Form:
+        """The function that a simulation takes for one."""
+        return form
 
     def connect(self, shunt: Shunt, form: Form) -> Shunt:
         """Return the circuit that a law here makes of one."""
@@ -161,6 +167,32 @@ class Load(Place):
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.conduct(form.row(specimen, specimen.v))
+
+
+@dataclass(frozen=True)
+class LoadCurrent(Place):
+    """Current (A) through the load beside that of its label, of which it is a function: a load that follows late.
+
+    The label's is v/R; of functions without a memory that of the voltage is the same.
+    """
+
+    name: ClassVar[str] = "load"
+    input: ClassVar[str] = "current"
+    unit: ClassVar[str] = "A"
+    bent: ClassVar[bool] = False
+    power_of: ClassVar[str] = "v"
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.i, 0.0 * terms.i
+
+    def simulated(self, form: Form) -> Form:
+        """The same but for where all of the current lags: a simulation has the label's from what is left of it."""
+        if isinstance(form, Line) and np.any(np.abs(1.0 - form.factor) < LEAST_LEFT):
+            return altered(form, factor=np.where(np.abs(1.0 - form.factor) < LEAST_LEFT, 1.0 - LEAST_LEFT, form.factor))
+        return form
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.conduct(form.row(specimen, specimen.i))
 
 
 @dataclass(frozen=True)

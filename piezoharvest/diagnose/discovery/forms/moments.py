@@ -44,7 +44,7 @@ def better_moment(problem: Problem, found: LawFit, farthest: float) -> StepChang
     every = [replace(form, at=form.at + d, width=w) for w in widths for d in (0.0, *away, *-away)]
     some = [k for k, data in enumerate(problem.data) if _may_be_in(data, found.place.input, form.at, farthest)]
     part = Problem([problem.data[k] for k in some], problem.nominal, problem.offset_channels, problem.beliefs)
-    nuisance, white = ([each[k] for k in some] for each in (found.found.nuisance, found.found.white))
+    nuisance, white = [found.found.nuisance[k] for k in some], [found.found.white[k] for k in some]
     path, costs = ("effects", found.index % len(model.transducer.effects), "form"), []
     for each in every:
         try:

@@ -15,7 +15,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
 )
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 
@@ -33,6 +33,8 @@ def per(unit: str, other: str, power: int = 1) -> str:
     """Unit of a quotient."""
     if not other:
         return unit
+    if unit == other and power == 1:
+        return ""
     below = f"({other})" if "/" in other else other
     return f"{unit or '1'}/{below}" + (f"^{power}" if power != 1 else "")
 
@@ -135,6 +137,8 @@ def _remembered(memory: Memory | None, symbol: str, place: Place) -> str:
     if isinstance(memory, Relaxation):
         lagging = f"lag({symbol}; {memory.time_constant:.4g} s)"
         return f"({lagging} - {symbol})" if memory.behind else lagging
+    if isinstance(memory, LateBy):
+        return f"({symbol}(t - {memory.delay:.4g} s) - {symbol}(t))"
     if isinstance(memory, Resonance):
         lagging = f"resonance({symbol}; {memory.frequency:.4g} Hz, damping {memory.damping_ratio:.3g})"
         return f"({lagging} - {symbol})" if memory.behind else lagging
