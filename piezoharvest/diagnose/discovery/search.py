@@ -34,6 +34,7 @@ FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in fu
 ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
+MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported
 
 Places = Callable[[Problem, Visited], list[Place]]
@@ -181,7 +182,13 @@ def _lag_and_delay(problem: Problem, law: LawFit) -> list[LawFit]:
     begun = replace(law.law, memory=other, form=replace(form, factor=float(factor)))
     again = fitted(problem, without_law(problem, law), begun, law.visited)
     both = [law] if again is None or again.memory_at_its_end else [law, again]
-    return sorted(both, key=lambda each: each.criterion)
+    return sorted(both, key=_preferred)
+
+
+def _preferred(late: LawFit) -> float:
+    """Criterion of a late load: a lag of twice its current, as a delay looks, has the odds of a place against it."""
+    twice = isinstance(late.law.memory, Relaxation) and np.real(late.form.proportional) > MOST_LAGGING
+    return late.criterion + (2.0 * thresholds.MIN_LOG_ODDS if twice else 0.0)
 
 
 def _tables_of_steps(
