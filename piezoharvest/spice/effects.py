@@ -105,6 +105,8 @@ class _Values:
         }  # fmt: skip
         for n, mode in enumerate(modes, 1):
             self._known |= {f"x{n}": (1 / mode.stiffness, f"V(f{n})"), f"u{n}": (1.0, f"V(u{n})")}
+        if point.resistance is not None:
+            self._known["i"] = 1.0 / point.resistance, "V(p)"
         self._known |= {name: (size, f"V({name})") for name, size in self.sizes.items()}
         self._known |= {stop.name: (stop.threshold, f"V({stop.name})") for stop in terms.stops}
         for element in terms.elements:

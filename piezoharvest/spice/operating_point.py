@@ -9,6 +9,7 @@ import numpy as np
 
 from piezoharvest.description.excitation import Excitation, Ramps, Tones
 from piezoharvest.description.shunts import Open, Shunt
+from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -42,6 +43,8 @@ class OperatingPoint(NamedTuple):
         Pulses of the switch need a control that the dc side powers.
     taken : tuple of int
         Numbers of the electrodes that have a shunt; of the first one are the circuit's voltage and current.
+    resistance : float or None
+        Of a load whose current effects may depend on, ohm: one that is a resistor at electrode 0.
     """
 
     transducer: Transducer
@@ -55,6 +58,7 @@ class OperatingPoint(NamedTuple):
     diodes: str | None = None
     cold: bool = False
     taken: tuple[int, ...] = (0,)
+    resistance: float | None = None
 
     @property
     def capacitance(self) -> float:
@@ -139,7 +143,11 @@ def estimate_operating_point(
     terms = Terms(transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
     begins = start.values if start else _rest(system, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0
-    return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start, taken=system.shunt.taken)
+    shunt, taken = system.shunt, system.shunt.taken
+    resistance = shunt.resistance if isinstance(shunt, Resistor) and taken[0] == 0 else None
+    return OperatingPoint(
+        transducer, excitation, signal, omega, most, terms, begins, start, taken=taken, resistance=resistance
+    )
 
 
 def _rest(system: System, excitation: Excitation) -> dict[str, float]:

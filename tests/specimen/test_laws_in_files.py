@@ -21,13 +21,15 @@ from piezoharvest.description.effects.nameless.forms import (
 )
 from piezoharvest.description.effects.nameless.kinds import PARTS, kind_of, kinds_of
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import (
     Capacitor,
     Coupling,
     Damper,
     Electrodes,
+    GainOverTime,
     Load,
+    LoadCurrent,
     OverTime,
     Reading,
     Spring,
@@ -55,6 +57,9 @@ LAWS = [
         place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=np.float64(0.6), width=0.01, knots=(0.0, 0.1))
     ),
     Law(place=Spring(), form=TwoKnees(factor=300.0, second=80.0, upper=np.float64(1e-4), lower=-2e-4)),
+    Law(place=GainOverTime("force", "campaign_time"), form=StepChange(factor=0.1, at=20.7, width=1e-3, finest=1e-4)),
+    Law(place=Reading("displacement", "campaign_time"), form=Line(factor=1e-9)),
+    Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
     Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),

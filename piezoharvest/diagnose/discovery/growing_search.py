@@ -16,10 +16,10 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import as_table, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
-from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of
+from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of, ended
 from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_its_noise
 from piezoharvest.diagnose.discovery.visited import visited_inputs
-from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
@@ -63,7 +63,7 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     # None is given up: in another motion than the records' a fit may go on slowly for a while, and end well.
     grown = [law for law in map(grow, _close_forms(smaller.part, found)) if law is not None]
     least = min((law.found.cost for law in grown), default=0.0)
-    grown = [_ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
+    grown = [ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
     first = min(grown, key=lambda each: each.criterion, default=None)
     if first is None or excess_of(first.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
@@ -99,13 +99,6 @@ def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf
         return LawFit(found, law.visited)
     visited = visited_inputs(smaller.problem, found).get(law.place.input)
     return None if visited is None else LawFit(found, visited)
-
-
-def _ended(problem: Problem, start: Fit, law: LawFit) -> LawFit:
-    """A fit that was not at its end, continued."""
-    if law.found.converged:
-        return law
-    return LawFit(_fit(problem, start, law.found.model, law.found.nuisance, MAX_ITERATIONS), law.visited)
 
 
 def _fit(

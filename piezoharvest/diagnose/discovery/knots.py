@@ -12,6 +12,7 @@ from piezoharvest.description.effects.nameless.places import Place
 
 KNOTS = 11  # the ends included: the smoothness is by the prior, so that more would only cost time
 ENDS = (0.002, 0.998)  # quantiles of the visited inputs between which corners lie
+KNOTS_OF_CAMPAIGN = 16  # over the time of a campaign, whose records may be many
 NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
 
 
@@ -26,11 +27,12 @@ def table_for(
     low, high = map(float, np.quantile(visited, ENDS))
     if not high > low:
         return None
-    quantiles = np.quantile(visited, np.linspace(*ENDS, KNOTS))
-    knots = 0.5 * (quantiles + np.linspace(low, high, KNOTS))
-    inner = knots[1:-1]
-    near = np.abs(inner) < NEAR_ZERO * (high - low) / KNOTS
-    inner = inner[~near]
+    if place.input == "campaign_time":  # between the records nothing is known
+        inner = np.unique(np.quantile(visited, np.linspace(*ENDS, KNOTS_OF_CAMPAIGN)))[1:-1]
+    else:
+        knots = 0.5 * (np.quantile(visited, np.linspace(*ENDS, KNOTS)) + np.linspace(low, high, KNOTS))
+        near = np.abs(knots) < NEAR_ZERO * (high - low) / KNOTS
+        inner = knots[1:-1][~near[1:-1]]
     smooth = smooth or place.needs_slope
     if smooth or remembered or not place.bent:
         # The first piece is a straight line from zero, or from the end of the range.

@@ -13,8 +13,8 @@ from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Memory, Play, Relaxation, Resonance
-from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.effects.nameless.places import LoadCurrent, Place
+from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
@@ -170,6 +170,10 @@ def _of_form(law: Law, path: Path, deviation: float) -> list[Parameter]:
     if isinstance(form, Shape):  # a scale has no null value, and its size may be off by decades
         turned = {"scaling": "log", "sign": float(np.sign(form.scale))}
         found = [replace(p, **turned) if p.path[-1] == "scale" else p for p in found]
+    if isinstance(form, StepChange) and form.finest:  # within a sample no moment is better than another
+        found = [replace(p, lower=np.log(form.finest)) if p.path[-1] == "width" else p for p in found]
+    if isinstance(law.place, LoadCurrent):  # 2: a lag is the Pade approximation of a delay
+        found = [replace(p, upper=2.0) if p.path[-1] == "factor" else p for p in found]
     sign = law.passive_sign
     if sign and isinstance(form, Line):
         bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
@@ -292,6 +296,21 @@ def fitted(
     return done
 
 
+def ended(problem: Problem, start: Fit, law: LawFit) -> LawFit:
+    """A fit that was not at its end, continued, with the noise and the whitening of that without a law."""
+    found = law.found
+    if found.converged:
+        return law
+    try:
+        again = fit(
+            problem, found.model, found.nuisance, start.noise, white=start.white, estimate_noise=False,
+            enough=FIT_TOLERANCE,
+        )  # fmt: skip
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return law
+    return replace(law, found=again)
+
+
 def without_law(problem: Problem, some: LawFit) -> Fit:
     """The fit without its law: a start for another one, whose parameters are those with the law."""
     found, model = some.found, some.found.model
@@ -351,7 +370,10 @@ def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]
     low, high, memory = some.visited.min(), some.visited.max(), some.law.memory
     if isinstance(memory, Play):  # which the visited ones are of its start
         low, high = -memory.threshold, memory.threshold
-    x = np.linspace(low, high, count)
+    if some.place.input == "campaign_time":  # between the records nothing is known
+        x = np.quantile(some.visited, np.linspace(0.0, 1.0, count))
+    else:
+        x = np.linspace(low, high, count)
     return x, np.real(some.form.values(x))
 
 

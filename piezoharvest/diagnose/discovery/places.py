@@ -14,7 +14,9 @@ from piezoharvest.description.effects.nameless.places import (
     Coupling,
     Damper,
     Electrodes,
+    GainOverTime,
     Load,
+    LoadCurrent,
     OverTime,
     Place,
     Reading,
@@ -49,6 +51,27 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     return [place for place in (*inside, *_readings(records)) if place.input in visited]
 
 
+def every_place(problem: Problem, visited: Visited) -> list[Place]:
+    """Places of both kinds, and of laws that always have a memory."""
+    some = places_of(problem, visited)
+    late = [LoadCurrent() for place in some if isinstance(place, Load) and "current" in visited]
+    return list(dict.fromkeys([*some, *late, *over_campaign(problem, visited)]))
+
+
+def over_campaign(problem: Problem, visited: Visited) -> list[Place]:
+    """What may change at a moment of the campaign and stay so: parameters, and the sensors' offsets and gains."""
+    if "campaign_time" not in visited:
+        return []
+    records = [data for data in problem.data if isinstance(data, Data)]
+    inside = [place for place in places_of(problem, visited) if place.input == "campaign_time"]
+    if not inside or problem.needs_engine:  # which has no product with a table
+        return inside
+    drives = {data.drive for data in records}
+    channels = dict.fromkeys(channel for data in records for channel in (*data.channels, data.drive))
+    read = [channel for channel in channels if channel in ACTING or channel not in drives]
+    return [*inside, *(kind(channel, "campaign_time") for channel in read for kind in (Reading, GainOverTime))]
+
+
 def _largest(values: np.ndarray) -> float:
     return float(np.abs(values).max())
 
@@ -79,4 +102,4 @@ def _is_proportional(records: list[Data]) -> bool:
     return len(loads) == 1 and all(isinstance(shunt, Resistor) for shunt in shunts)
 
 
-__all__ = ["places_of"]
+__all__ = ["every_place", "over_campaign", "places_of"]

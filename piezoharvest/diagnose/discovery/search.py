@@ -9,17 +9,27 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Bends, Form, Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Play
-from piezoharvest.description.effects.nameless.places import TIMES, OverTime, Place, Reading
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation
+from piezoharvest.description.effects.nameless.places import TIMES, LoadCurrent, OverTime, Place, Reading
+from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, ScoredLaw, best_of, fitted, score, without_law
+from piezoharvest.diagnose.discovery.law_fits import (
+    TABLES,
+    LawFit,
+    ScoredLaw,
+    best_of,
+    ended,
+    fitted,
+    score,
+    without_law,
+)
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
-from piezoharvest.diagnose.discovery.places import places_of
+from piezoharvest.diagnose.discovery.places import every_place, over_campaign
 from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
 from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
@@ -33,7 +43,10 @@ FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in fu
 ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
+MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported
+
+Places = Callable[[Problem, Visited], list[Place]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +93,7 @@ def can_search(problem: Problem) -> bool:
     return all(isinstance(data, Data) for data in problem.data)
 
 
-def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
+def search(problem: Problem, start: Fit, progress: Callable[[str], None], places: Places = every_place) -> Found | None:
     """The law that is missing from a model; None where no place promises any.
 
     Parameters
@@ -89,9 +102,11 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     start : Fit
         Of the model without it.
     progress : callable
+    places : callable
+        Places at which it may be.
     """
     misfit = mean_square(start)
-    scored = _scored(problem, start)
+    scored = _scored(problem, start, places)
     chosen = promising(scored, misfit)
     done = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
     if not done:
@@ -106,6 +121,21 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     if as_known is not None:
         progress(f"it is {as_known.model.transducer.effects[-1].name}")
     return Found(best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known)
+
+
+def search_campaign(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
+    """As `search`, of what changes within a campaign; None where that leaves more than noise.
+
+    It is tried first where the misfit is large: what a law without memory or time makes of such a change says nothing,
+    and takes long.
+    """
+    if mean_square(start) <= thresholds.LARGE_MISFIT or problem.needs_engine:
+        return None
+    if not over_campaign(problem, visited_inputs(problem, start)):
+        return None
+    progress("what changes at a moment of the campaign is looked for first, as the misfit is large")
+    found = search(problem, start, progress, over_campaign)
+    return None if found is None or leaves_much(found.best) else found
 
 
 def instead(problem: Problem, found: Found) -> Found | None:
@@ -126,14 +156,65 @@ def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[La
 
     A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared.
     """
-    with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
-    found = [(each, [each]) for each in with_memory]
+    with_memory = _at_their_ends(problem, start, best_of([each for each in done if each.law.memory is not None]))
+    found = [(forms[0], forms) for forms in (_lag_and_delay(problem, each) for each in with_memory)]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
         # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
         smoother = [] if problem.needs_engine else _smoother(problem, start, table)
         smooth = min((table, *smoother), key=lambda each: each.evidence)
         found.append((smooth, ranked(problem, smooth)))
+    found += [(table, ranked(problem, table)) for table in _tables_of_steps(problem, start, done, found)]
     return min(found, key=lambda each: each[1][0].criterion)
+
+
+def _at_their_ends(problem: Problem, start: Fit, laws: Sequence[LawFit]) -> list[LawFit]:
+    """The first of laws with a memory, or where its fit was stopped far from its end, the likeliest at its place."""
+    if not laws or laws[0].found.converged:
+        return list(laws[:1])
+    return best_of([ended(problem, start, each) for each in laws if _alike(each, laws[0])])[:1]
+
+
+def _lag_and_delay(problem: Problem, law: LawFit) -> list[LawFit]:
+    """The law, and of a load the delay that its lag may be or the lag that its delay may be, the likeliest first.
+
+    At low frequencies a lag is a delay of half the current by twice the time.
+    """
+    memory, form = law.law.memory, law.form
+    if not isinstance(law.place, LoadCurrent) or not isinstance(form, Line):
+        return [law]
+    if isinstance(memory, Relaxation):
+        other, factor = LateBy(delay=2.0 * memory.time_constant), 0.5 * form.factor
+    elif isinstance(memory, LateBy):
+        other, factor = Relaxation(time_constant=0.5 * memory.delay, behind=True), min(2.0 * form.factor, 1.0)
+    else:
+        return [law]
+    begun = replace(law.law, memory=other, form=replace(form, factor=float(factor)))
+    again = fitted(problem, without_law(problem, law), begun, law.visited)
+    both = [law] if again is None or again.memory_at_its_end else [law, again]
+    return sorted(both, key=_preferred)
+
+
+def _preferred(late: LawFit) -> float:
+    """Criterion of a late load: a lag of twice its current, as a delay looks, has the odds of a place against it."""
+    twice = isinstance(late.law.memory, Relaxation) and np.real(late.form.proportional) > MOST_LAGGING
+    return late.criterion + (2.0 * thresholds.MIN_LOG_ODDS if twice else 0.0)
+
+
+def _tables_of_steps(
+    problem: Problem, start: Fit, done: Sequence[LawFit], found: Sequence[tuple[LawFit, list[LawFit]]]
+) -> list[LawFit]:
+    """The likeliest table over the campaign, if a change at a moment does better there than what was found elsewhere.
+
+    Such a table is too coarse for it, so that it may be less likely than one at another place.
+    """
+    best, place = min((forms[0] for _, forms in found), key=lambda each: each.criterion), "campaign_time"
+    tables = best_of([each for each in done if each.law.memory is None and each.place.input == place])[:1]
+    explained = thresholds.MIN_EXCHANGE_SCORE * (start.cost - best.found.cost)
+    return [
+        table for table in tables
+        if all(table is not each for each, _ in found) and start.cost - table.found.cost > explained
+        and ranked(problem, table, kind=StepChange)[0].criterion < best.criterion
+    ]  # fmt: skip
 
 
 def _of_memory(
@@ -216,12 +297,12 @@ def _words(law: Law) -> str:
     return f"{law.place.name}, of {law.place.input.replace('_', ' ')}{memory}"
 
 
-def _scored(problem: Problem, start: Fit) -> list[ScoredLaw]:
+def _scored(problem: Problem, start: Fit, places: Places) -> list[ScoredLaw]:
     """Scores of all places, without a memory and with each kind at its best start, the highest first."""
     visited = visited_inputs(problem, start)
     scales = campaign_scales(problem.data, start)
     found: list[ScoredLaw] = []
-    for place in places_of(problem, visited):
+    for place in places(problem, visited):
         form = _first_form(problem, place, visited[place.input])
         each = form and score(problem, start, Law(place=place, form=form), visited[place.input])
         found += [each] if each is not None else []
@@ -231,6 +312,8 @@ def _scored(problem: Problem, start: Fit) -> list[ScoredLaw]:
 
 def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | None:
     """What is tried first at a place: a table, but over time a straight line where the engine is needed."""
+    if isinstance(place, LoadCurrent):  # as the load over its voltage
+        return None
     if problem.needs_engine and isinstance(place, OverTime) and place.of in TIMES:
         return Line(factor=0.0)
     return table_for(place, visited)

@@ -15,7 +15,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
-from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search
+from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search, search_campaign
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
@@ -73,8 +73,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
 
     The search begins without the effects that were found on the way, which may stand in for a law; then with them.
     Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
-    nowhere, as the nominal values may be wrong, where they went. Where the misfit is large, records with smaller drives
-    are looked at before all of them.
+    nowhere, as the nominal values may be wrong, where they went. Where the misfit is large, what changes within the
+    campaign and then records with smaller drives are looked at before all of them.
 
     Parameters
     ----------
@@ -89,7 +89,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
     starts = [*([nominal.found] if nominal else []), done.base, *([done.final] if done.nested else [])]
-    ways = [(search_growing, done.base), *((search, each) for each in starts)]
+    first = [(search_campaign, done.base), (search_growing, done.base)]
+    ways = [*first, *((search, each) for each in starts)]
     for seek, begun in ways:
         start = _with_drop_free(trials, begun)
         found = found_laws(campaign, before, problem, start, progress, seek)

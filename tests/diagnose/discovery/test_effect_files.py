@@ -17,8 +17,17 @@ from piezoharvest.description.effects import DiodeDropError, registered
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Play, Resonance
-from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, OverTime, Reading, Spring
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.places import (
+    Coupling,
+    Damper,
+    GainOverTime,
+    Load,
+    LoadCurrent,
+    OverTime,
+    Reading,
+    Spring,
+)
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange, Stribeck
 from piezoharvest.description.shunts import ParallelSSHI, Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
@@ -43,8 +52,11 @@ LAWS = [
     Law(place=Reading("displacement", "displacement"), form=Line(factor=-1.0), memory=Play(threshold=np.float64(1e-6))),
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
+    Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
+    Law(place=LoadCurrent(), form=Line(factor=0.5), memory=Relaxation(time_constant=1e-3, behind=True)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
     Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
+    Law(place=GainOverTime("displacement"), form=StepChange(factor=-0.3, at=0.6, width=0.01, finest=1e-4)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
 ]
 

@@ -6,8 +6,8 @@ from oracles.ngspice import needs_ngspice, run_netlist
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Play, Relaxation, Resonance
-from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Load, Spring
+from piezoharvest.description.effects.nameless.memory import LateBy, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Load, LoadCurrent, Spring
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Stribeck
 from piezoharvest.spice import export_spice
 
@@ -16,6 +16,8 @@ SINE = SineForce(amplitude=0.02, frequency=48.0)
 AHEAD = Relaxation(time_constant=3e-3, behind=True)
 LAWS = [
     Law(place=Load(), form=Knee(factor=2e-5, knee=0.3)),
+    Law(place=LoadCurrent(), form=Line(factor=1.0), memory=AHEAD),
+    Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=2e-3)),
     Law(place=Spring(), form=Line(factor=80.0), memory=Play(threshold=2e-5)),
     Law(place=Capacitor(), form=Line(factor=-6e-9), memory=Play(threshold=0.5)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Relaxation(time_constant=4e-3)),

@@ -70,7 +70,7 @@ class Law(Effect):
     @property
     def of_specimen(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """False for what a sensor shows."""
-        return not self.place.name.startswith("reading.")
+        return not self.place.of_sensor
 
     @property
     def of_drive(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -90,7 +90,7 @@ class Law(Effect):
     def act(self, specimen: EquationBuilder) -> None:
         if isinstance(self.memory, Delay) or not (self.of_specimen or specimen.reads):
             return
-        form = self.form
+        form = self.form if specimen.reads else self.place.simulated(self.form)
         if isinstance(self.memory, Play) and self.place.port == CHARGE:
             assert isinstance(form, Line)
             specimen.charge(self.memory.charge(specimen, form.factor))
@@ -125,6 +125,12 @@ class Law(Effect):
             return [Product(factor, x, x)]
         if self.memory is None:
             return self.place.losses(terms, self.form)
+        if self.place.power_of:
+            made, factor = (
+                self.memory.made(terms, self.place.rows(terms)[0]),
+                self.place.simulated(self.form).proportional,
+            )
+            return [Product(factor, getattr(terms, self.place.power_of), made)]
         if not port:
             return ()
         return self.memory.losses(port, factor, terms, self.place.rows(terms)[1])

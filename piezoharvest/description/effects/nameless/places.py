@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Product, Row
-from piezoharvest.description.effects.nameless.forms import Form
+from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.sizes import SIZES, RecordSizes
-from piezoharvest.description.parameters import Component, check_choice
+from piezoharvest.description.parameters import Component, altered, check_choice
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder, SpecimenRows
 from piezoharvest.description.shunts.base import Shunt
 
@@ -26,7 +26,8 @@ CHANNELS = (
     "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
     "dc_current",
 )  # fmt: skip
-INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time")
+LEAST_LEFT = 1e-7  # of a load's current that does not lag in a simulation: rounding of it is 1e-9 then
+INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time", "campaign_time")
 
 
 def input_unit(name: str) -> str:
@@ -38,7 +39,14 @@ def input_unit(name: str) -> str:
 
 
 def input_row(specimen: EquationBuilder, name: str) -> Row | None:
-    """Row of an input; None where the model has none: an imposed voltage has no force, a force no acceleration."""
+    """Row of an input; None where the model has none: an imposed voltage has no force, a force no acceleration.
+
+    Nor has a simulation a time in a campaign.
+    """
+    if name == "campaign_time":
+        if specimen.size is None or np.isnan((sizes := RecordSizes(*specimen.size)).begin):
+            return None
+        return sizes.begin * specimen.one + sizes.length * specimen.time
     rows = {
         "displacement": specimen.x, "velocity": specimen.u, "displacement_rate": specimen.u, "voltage": specimen.v,
         "current": specimen.i, "time": specimen.time, specimen.drive_name: specimen.drive,
@@ -62,6 +70,8 @@ class Place(Component):
     needs_slope: ClassVar[bool] = False
     port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
     in_circuit: ClassVar[bool] = False  # a law acts by `connect`
+    power_of: ClassVar[str] = ""  # of no such port: row that, times what a law adds, is the power it takes
+    of_sensor: ClassVar[bool] = False  # a law changes what a sensor shows, not the specimen
 
     def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
         """Rows of the input of a port and of its rate."""
@@ -75,6 +85,10 @@ class Place(Component):
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         """Add a law here to the equations of a specimen."""
         raise NotImplementedError
+
+    def simulated(self, form: Form) -> Form:
+        """The function that a simulation takes for one."""
+        return form
 
     def connect(self, shunt: Shunt, form: Form) -> Shunt:
         """Return the circuit that a law here makes of one."""
@@ -156,6 +170,32 @@ class Load(Place):
 
 
 @dataclass(frozen=True)
+class LoadCurrent(Place):
+    """Current (A) through the load beside that of its label, of which it is a function: a load that follows late.
+
+    The label's is v/R; of functions without a memory that of the voltage is the same.
+    """
+
+    name: ClassVar[str] = "load"
+    input: ClassVar[str] = "current"
+    unit: ClassVar[str] = "A"
+    bent: ClassVar[bool] = False
+    power_of: ClassVar[str] = "v"
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.i, 0.0 * terms.i
+
+    def simulated(self, form: Form) -> Form:
+        """The same but for where all of the current lags: a simulation has the label's from what is left of it."""
+        if isinstance(form, Line) and np.any(np.abs(1.0 - form.factor) < LEAST_LEFT):
+            return altered(form, factor=np.where(np.abs(1.0 - form.factor) < LEAST_LEFT, 1.0 - LEAST_LEFT, form.factor))
+        return form
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.conduct(form.row(specimen, specimen.i))
+
+
+@dataclass(frozen=True)
 class Capacitor(Place):
     """Charge (C) beside C v_t."""
 
@@ -196,6 +236,7 @@ class Reading(Place):
     """
 
     bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
+    of_sensor: ClassVar[bool] = True
 
     channel: str
     of: str
@@ -224,6 +265,41 @@ class Reading(Place):
         x = input_row(specimen, self.of)
         if x is not None:
             specimen.read(form.row(specimen, x), self.channel)
+
+
+@dataclass(frozen=True)
+class GainOverTime(Place):
+    """Relative change of what the sensor of a channel shows, over the time of a record or of the campaign.
+
+    Of the channel that drives a record it is one of what is shown, as a reading's law is.
+    """
+
+    unit: ClassVar[str] = ""
+    bent: ClassVar[bool] = False
+    of_sensor: ClassVar[bool] = True
+
+    channel: str
+    of: str = "time"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("channel", self.channel, CHANNELS)
+        check_choice("of", self.of, TIMES)
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """`parameter.`, the channel and `_gain`."""
+        return f"parameter.{self.channel}_gain"
+
+    @property
+    def input(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Which time."""
+        return self.of
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        time, shown = input_row(specimen, self.of), input_row(specimen, self.channel)
+        if time is not None and shown is not None:
+            specimen.read(specimen.product(form.row(specimen, time), shown), self.channel)
 
 
 @dataclass(frozen=True)
@@ -285,11 +361,9 @@ class OverTime(Place):
     def _product(self, specimen: EquationBuilder, form: Form) -> Callable[[Row], Row] | None:
         """The relative change times a row: in a record one number, but over time; None where that is not known."""
         if self.of in TIMES:
-            time = specimen.time
-            if self.of == "campaign_time":
-                if specimen.size is None or np.isnan((sizes := RecordSizes(*specimen.size)).begin):
-                    return None
-                time = sizes.begin * specimen.one + sizes.length * time
+            time = input_row(specimen, self.of)
+            if time is None:
+                return None
             change = form.row(specimen, time)
             return lambda row: specimen.product(change, row)
         number = self._number(specimen.size, form)

@@ -73,6 +73,7 @@ class StepChange(Curve):
     factor: float = quantity("", "what is added once it has come", null=0.0)
     at: float = quantity("", "input t at which half of it has come, in its unit")
     width: float = quantity("", "input w over which it comes, in its unit", above=0)
+    finest: float = 0.0  # least width that records tell, a sample: fixed
 
     def values(self, x: np.ndarray) -> Array:
         return 0.5 * self.factor * (np.tanh((np.asarray(x) - self.at) / self.width) + self.before)

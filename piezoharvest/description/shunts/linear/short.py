@@ -15,6 +15,7 @@ class Short(LinearShunt):
 
     kind: ClassVar[str] = "short"
     shorts: ClassVar[bool] = True
+    loaded: ClassVar[bool] = False
     source: ClassVar[str] = "IEEE Std 176-1987"
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:

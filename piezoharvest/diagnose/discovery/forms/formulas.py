@@ -36,6 +36,7 @@ from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Sh
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.forms.moments import better_moment
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -55,7 +56,10 @@ WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
 TWO_KNEES = 4  # the same for each of two on both sides
-STEP_WIDTH = 0.05  # start value of a change over time, of the range: half the distance of a table's corners
+STEP_WIDTH = 0.05  # start value of a change over time, of all records: about the distance of a table's corners
+STEPS = 48  # start values of its moment, evenly over the samples: a few between two corners
+MOMENTS = 2  # times that a better moment is looked for from the last one
+GAP = 10.0  # times the median distance of two samples: more is between two records
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
 SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
 
@@ -83,10 +87,10 @@ def candidates(table: LawFit) -> list[FittedFormula]:
     return sorted(found, key=lambda each: each.criterion)
 
 
-def ranked(problem: Problem, table: LawFit, most: int = 0) -> list[LawFit]:
+def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Form) -> list[LawFit]:
     """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first.
 
-    At least `most` of the formulas closest to the table are fitted.
+    At least `most` of the formulas closest to the table are fitted, and of them those of a kind.
     """
     tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
@@ -94,17 +98,34 @@ def ranked(problem: Problem, table: LawFit, most: int = 0) -> list[LawFit]:
     count *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
     most = max(most, count)
     every = candidates(table) if isinstance(table.form, TABLES) else []
-    some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley)]
-    for each in some:
-        own = isinstance(each.form, Shockley)  # of a diode, whose table is too coarse near no current to tell
+    # A table is too coarse to tell of a diode near no current, and of what happens at once.
+    some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley | StepChange)]
+    some = [each for each in some if isinstance(each.form, kind)]
+    for each in sorted(some, key=lambda each: not isinstance(each.form, StepChange)):
+        own = isinstance(each.form, Shockley | StepChange)
         if problem.needs_engine and not own and each.criterion > FARTHER * some[0].criterion:
             continue
         # From a coarse table a formula begins far away, and how its fit goes on is not seen from its first steps.
-        best = np.inf if coarse else min(one.criterion for one in tried) + thresholds.CLOSE_COST
+        far = coarse and min(mean_square(one.found) for one in tried) > TABLE_IS_COARSE
+        best = np.inf if far else min(one.criterion for one in tried) + thresholds.CLOSE_COST
         start, form = _begun(problem, table, each.form)
         found = fitted(problem, start, dataclasses.replace(table.law, form=form), table.visited, aim=best)
+        if found is not None and isinstance(form, StepChange):
+            found = _at_its_moment(problem, start, found)
         tried += [found] if found is not None and found.found.converged else []
     return sorted(tried, key=lambda each: each.criterion)
+
+
+def _at_its_moment(problem: Problem, start: Fit, found: LawFit) -> LawFit:
+    """The fit of a step at the best moment near it."""
+    for _ in range(MOMENTS):
+        better = better_moment(problem, found, STEP_WIDTH * recorded(found.visited)[0])
+        law = better and dataclasses.replace(found.law, form=better)
+        again = law and fitted(problem, start, law, found.visited)
+        if again is None or not again.found.cost < found.found.cost:
+            break
+        found = again
+    return found
 
 
 def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
@@ -140,7 +161,7 @@ def as_table(problem: Problem, law: LawFit) -> LawFit | None:
     form, bare = table_for(law.place, law.visited), without_law(problem, law)
     if form is None:
         return None
-    x = spread_inputs(law.visited)
+    x = spread_inputs(law)
     basis = np.column_stack([_pieces(form, x), np.ones(len(x)), *[x] * law.law.bent])
     size = np.abs(basis).max(axis=0)
     found = np.linalg.lstsq(basis / size, np.real(law.form.values(x)), rcond=1e-10)[0] / size
@@ -154,10 +175,19 @@ def as_table(problem: Problem, law: LawFit) -> LawFit | None:
     return fitted(problem, bare, begun, law.visited, float(np.sqrt(np.mean(kinks**2))))
 
 
-def spread_inputs(visited: np.ndarray) -> np.ndarray:
-    """Inputs at which two forms of a law are compared: where the records have been, and evenly over that range."""
-    x = np.quantile(visited, np.linspace(0.0, 1.0, SAMPLES))
+def spread_inputs(table: LawFit) -> np.ndarray:
+    """Inputs at which forms of a law are compared with a table: where the records were, and evenly over that range."""
+    x = np.quantile(table.visited, np.linspace(0.0, 1.0, SAMPLES))
+    if table.place.input == "campaign_time":  # between the records nothing is known
+        return np.unique(x)
     return np.unique(np.concatenate([x, np.linspace(x[0], x[-1], SAMPLES)]))
+
+
+def recorded(times: np.ndarray) -> tuple[float, float]:
+    """Length of what records cover of a time, without what lies between them, and the distance of two samples."""
+    steps = np.diff(np.unique(times))
+    sample = float(np.median(steps))
+    return float(steps[steps < GAP * sample].sum()), sample
 
 
 def _pieces(form: Corners | Bends, x: np.ndarray) -> np.ndarray:
@@ -173,7 +203,7 @@ class _Loss:
         form = table.form
         assert isinstance(form, Corners | Bends)
         self.table = table
-        self.x = spread_inputs(table.visited)
+        self.x = spread_inputs(table)
         # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
         # beside it; elsewhere a constant goes with offsets.
         fixed = table.place.in_circuit and not drop_path(table.found.model.transducer)
@@ -247,8 +277,12 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
     if place.input in TIMES:
-        make = lambda z: StepChange(factor=z[0], at=z[1], width=(high - low) * np.exp(z[2]))  # noqa: E731
-        yield [(make, np.array([t, np.log(STEP_WIDTH)])) for t in low + (high - low) * np.linspace(0.04, 0.96, KNEES)]
+        length, sample = recorded(table.visited)
+        make = lambda z: StepChange(  # noqa: E731
+            factor=z[0], at=z[1], width=sample + length * np.exp(z[2]), finest=sample
+        )
+        moments = np.quantile(table.visited, np.linspace(0.02, 0.98, STEPS))
+        yield [(make, np.array([moment, np.log(STEP_WIDTH)])) for moment in moments]
     yield from _powers(size, sides)
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force

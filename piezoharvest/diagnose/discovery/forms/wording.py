@@ -16,7 +16,7 @@ from piezoharvest.description.effects.nameless.forms import (
     TwoKnees,
 )
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 
@@ -34,6 +34,8 @@ def per(unit: str, other: str, power: int = 1) -> str:
     """Unit of a quotient."""
     if not other:
         return unit
+    if unit == other and power == 1:
+        return ""
     below = f"({other})" if "/" in other else other
     return f"{unit or '1'}/{below}" + (f"^{power}" if power != 1 else "")
 
@@ -126,7 +128,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
     if isinstance(form, Coulomb):
         return f"{form.factor:.4g} {unit} * sign({s})"
     if isinstance(form, StepChange):
-        come = f"tanh(({s} - {form.at:.5g}) / {form.width:.4g} {of}".rstrip()
+        come = f"tanh(({s} - {form.at:.7g}) / {form.width:.4g} {of}".rstrip()
         return f"{form.factor:.4g} {unit} * ({come}) + {form.before:.4g}) / 2"
     if isinstance(form, Shockley):
         rest = f" + {form.resistance:.4g} ohm * {s}" if form.resistance else ""
@@ -148,6 +150,8 @@ def _remembered(memory: Memory | None, symbol: str, place: Place) -> str:
     if isinstance(memory, Relaxation):
         lagging = f"lag({symbol}; {memory.time_constant:.4g} s)"
         return f"({lagging} - {symbol})" if memory.behind else lagging
+    if isinstance(memory, LateBy):
+        return f"({symbol}(t - {memory.delay:.4g} s) - {symbol}(t))"
     if isinstance(memory, Resonance):
         lagging = f"resonance({symbol}; {memory.frequency:.4g} Hz, damping {memory.damping_ratio:.3g})"
         return f"({lagging} - {symbol})" if memory.behind else lagging

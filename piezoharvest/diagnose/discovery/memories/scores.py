@@ -13,8 +13,8 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
-from piezoharvest.description.effects.nameless.places import CHANNELS, Place, Reading
+from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Memory, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.places import CHANNELS, LoadCurrent, Place, Reading
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, known_before, law_parameters
@@ -36,6 +36,7 @@ DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of th
 # Of the own resonances of the specimen: frequencies that are tried, too, as one beside them shows most, and narrowly;
 # and their damping ratio, with which neighbours overlap.
 BESIDE, BESIDE_DAMPING = (0.5, 0.7, 0.84, 1.0, 1.19, 1.41, 2.0), 0.1
+DELAYS, LATE_SAMPLES = 5, 16.0  # delays of a load that are tried; longest one, in samples, where there is no resonance
 FASTEST = 0.3  # of the rate of samples: highest frequency of a resonance that is tried
 
 
@@ -47,6 +48,8 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
     kinds: list[Memory] = []
     if isinstance(place, Reading):
         kinds = [*(_of_sensor if place.of == place.channel else _of_crosstalk)(place, visited, scales)]
+    elif isinstance(place, LoadCurrent):
+        kinds = [*_of_load(scales, device)]
     elif place.port:
         kinds = [*_of_port(place, visited, scales, device)]
     if place.name.removeprefix("reading.") in ACTING:  # a late drive is late channels
@@ -67,6 +70,19 @@ def _of_crosstalk(place: Place, visited: Visited, scales: CampaignScales) -> Ite
     if place.input in CHANNELS:
         yield from (Relaxation(time_constant=each, behind=side) for each in scales.times for side in (False, True))
         yield from _resonances(scales, behind=False, count=RESONANCES_BETWEEN, damping_ratio=BESIDE_DAMPING)
+
+
+def _of_load(scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
+    """How late a load may be: a delay by less than what turns the resonance, or some samples, by a radian.
+
+    The longer ones of other periods of it look the same in a score.
+    """
+    yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
+    shortest = 0.5 * scales.sample_time
+    radian = LATE_SAMPLES * scales.sample_time
+    if not device.quasi_static:
+        radian = max(float(np.sqrt(device.mass / device.stiffness)), 2.0 * shortest)
+    yield from (LateBy(delay=float(each)) for each in np.geomspace(shortest, radian, DELAYS))
 
 
 def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
@@ -126,10 +142,11 @@ def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np
         if not inside[0, 0] > 1e-8 * information[k, k]:
             continue  # in the span of the fitted parameters
         step = float(slope[0] / inside[0, 0])
-        if step * law.passive_sign < 0.0 or not strength.lower <= step <= strength.upper:
+        allowed = float(np.clip(step, strength.lower, strength.upper))
+        if step * law.passive_sign < 0.0 or (allowed != step and allowed == 0.0):
             continue
-        begun = put(law, strength.path[2:], step)
-        found.append(ScoredLaw(begun, visited, Smoothness(np.inf, float(slope[0] * step))))
+        begun, gain = put(law, strength.path[2:], allowed), (2.0 * step - allowed) * allowed * float(inside[0, 0])
+        found.append(ScoredLaw(begun, visited, Smoothness(np.inf, gain)))
     return found
 
 
