@@ -47,7 +47,7 @@ class Propagation:
             g=np.zeros(n + elements + 6), z=np.zeros(n), dz=np.zeros((n, lanes)),
             base=np.zeros(m), old=np.zeros(m), before=np.zeros(elements),
             trial=np.zeros(m), residual=np.zeros((m, 1)), move=np.zeros(m),
-            outputs=np.zeros(3 * elements), slopes=np.zeros((3, elements, SLOPES)),
+            outputs=np.zeros(3 * elements), slopes=np.zeros((3, elements, SLOPES)), off=np.zeros(elements, bool),
             first=np.zeros(4), second=np.zeros(4), inside=np.zeros((3, SLOPES + 1)),
             by_base=np.zeros(VARIABLES), moments=np.zeros((2, VARIABLES + 1)), corners=np.zeros((3, VARIABLES + 1)),
             J=np.zeros((m, m)), right=np.zeros((m, lanes)),

@@ -195,6 +195,8 @@ class StepMemory(NamedTuple):
         the step, by which they differ from straight lines.
     slopes : (3, elements, SLOPES) array
         Derivatives of these.
+    off : (elements,) array of bool
+        Hinges below their knots throughout the step: outputs and slopes are zero.
     first, second : (4,) array
         Coefficients of the inputs of an element in powers of s.
     inside, by_base, moments, corners : arrays
@@ -216,6 +218,7 @@ class StepMemory(NamedTuple):
     move: np.ndarray
     outputs: np.ndarray
     slopes: np.ndarray
+    off: np.ndarray
     first: np.ndarray
     second: np.ndarray
     inside: np.ndarray

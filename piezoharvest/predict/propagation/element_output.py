@@ -166,6 +166,7 @@ def _hinge_output(j, step, elements, memory):
     end = c[0] + risen(c[1], c[2], c[3], 1.0)
     if max(c[0], a, b, end) <= knot:
         memory.outputs[j], memory.outputs[count + j], memory.outputs[2 * count + j] = 0.0, 0.0, 0.0
+        memory.off[j] = True
         return
     if min(c[0], a, b, end) >= knot:
         _set_moved(j, end - knot, 1.0, -1.0, step, elements, memory)
@@ -179,8 +180,10 @@ def set_output(j, step, elements, memory):
     """Output of an element over a step, and its derivatives, from the inputs at both ends."""
     kind, slopes = elements.kinds[j], memory.slopes
     a, b = elements.places[j, 0], elements.places[j, 1]
+    memory.off[j] = False
     for q in range(3):
-        for v in range(SLOPES):
+        slopes[q, j, BEFORE], slopes[q, j, BY_LIMIT] = 0.0, 0.0
+        for v in range(FIRST, FIRST + 4):
             slopes[q, j, v] = 0.0
     if step.held and kind == STOP:
         memory.outputs[j] = memory.before[j]

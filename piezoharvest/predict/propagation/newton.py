@@ -23,6 +23,8 @@ def _worst_residual(step, places, sizes, memory):
     for r in range(len(base)):
         total, size = base[r], max(abs(base[r]), sizes[r])
         for j in range(count):
+            if memory.off[j]:
+                continue
             # A stop at rest gives the difference of two inputs, with the rounding errors of these.
             rounded = _ROUNDING_SHARE * abs(trial[places[j, 0]])
             for q in range(3):
@@ -53,7 +55,7 @@ def find_outputs(step, elements, sizes, memory):
                 trial[r] -= share * move[r]
             continue
         best, share = worst, 1.0
-        solve(step.feed, memory.slopes, elements, memory.J, memory.residual)
+        solve(step.feed, memory.slopes, elements, memory.off, memory.J, memory.residual)
         for r in range(len(trial)):
             move[r] = memory.residual[r, 0]
             trial[r] += move[r]

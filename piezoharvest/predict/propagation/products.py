@@ -88,7 +88,7 @@ def scatter(tangent, begin, end, first, out):
 
 
 @compiled
-def solve(K, slopes, elements, J, right):
+def solve(K, slopes, elements, off, J, right):
     """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
     m, places = len(J), elements.places
     half, count = m // 2, len(places)
@@ -96,6 +96,8 @@ def solve(K, slopes, elements, J, right):
         for c in range(m):
             J[r, c] = 1.0 if r == c else 0.0
     for j in range(count):
+        if off[j]:
+            continue
         a, b = places[j, 0], places[j, 1]
         for q in range(3 if elements.acts[j] else 1):
             by_first, by_rate = slopes[q, j, FIRST_END], slopes[q, j, FIRST_END + 1]

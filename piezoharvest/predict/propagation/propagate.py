@@ -104,6 +104,10 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
         a, b = places[j, 0], places[j, 1]
         for q in range(2 if elements.acts[j] else 0, -1, -1):
             s, at = memory.slopes[q, j], n + q * count + j
+            if memory.off[j]:
+                for p in range(parameters):
+                    d[at, p] = 0.0
+                continue
             before, one, two, three, four, limit = (
                 s[BEFORE],
                 s[FIRST],
@@ -126,9 +130,11 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
     clear(right)
     scatter(slopes.O, 0, slopes.input_entries, 0, right)
     add_product(slopes.to_inputs, d, right)
-    solve(step.feed, memory.slopes, elements, memory.J, right)
+    solve(step.feed, memory.slopes, elements, memory.off, memory.J, right)
     assign(right, dinputs)
     for j in range(count):
+        if memory.off[j]:
+            continue
         a, b = places[j, 0], places[j, 1]
         for q in range(3 if elements.acts[j] else 1):
             s, at = memory.slopes[q, j], n + q * count + j
