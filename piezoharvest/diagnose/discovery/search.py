@@ -12,11 +12,13 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation
 from piezoharvest.description.effects.nameless.places import TIMES, LoadCurrent, OverTime, Place, Reading
 from piezoharvest.description.effects.nameless.shapes import StepChange
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import (
+    FIT_TOLERANCE,
     TABLES,
     LawFit,
     ScoredLaw,
@@ -35,7 +37,8 @@ from piezoharvest.diagnose.selection.start_values import CampaignScales, campaig
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
-from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
@@ -149,6 +152,37 @@ def instead(problem: Problem, found: Found) -> Found | None:
     forms = ranked(problem, table) if table.law.memory is None else [table]
     best = with_its_noise(problem, forms[0])
     return replace(found, best=best, table=table, rivals=tuple(rivals), forms=tuple(forms), known=named(problem, best))
+
+
+def with_all_free(problem: Problem, found: Found, given: Sequence[Parameter]) -> Found:
+    """The same law and its rivals in fits in which given parameters are free, too, that were held without a law.
+
+    They were not determined beside what was missing, or had gone far from their nominal values. With them held, the law
+    is in the right place, but neither what it leaves nor its formula can be told.
+    """
+    known = {parameter.path for parameter in found.best.found.model.parameters}
+    held = tuple({parameter.path: parameter for parameter in given if parameter.path not in known}.values())
+    table = _freed(problem, found.table, held) if held else None
+    if table is None:
+        return found
+    forms = ranked(problem, table) if table.law.memory is None else [table]
+    best = with_its_noise(problem, forms[0])
+    rivals = [_freed(problem, each, held) or each for each in found.rivals]
+    return replace(
+        found, best=best, table=table, rivals=tuple(best_of(rivals)), forms=tuple(forms), known=named(problem, best)
+    )
+
+
+def _freed(problem: Problem, law: LawFit, held: Sequence[Parameter]) -> LawFit | None:
+    """A fit with more parameters free, None where that does not come to an end; the law remains the last effect."""
+    found = law.found
+    model = replace(found.model, parameters=(*held, *found.model.parameters))
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
+    try:
+        free = fit(problem, model, nuisance, found.noise, white=found.white, estimate_noise=False, enough=FIT_TOLERANCE)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    return replace(law, found=free) if free.converged and free.cost < found.cost else None
 
 
 def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:

@@ -15,7 +15,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
-from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search, search_campaign
+from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search, search_campaign, with_all_free
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
@@ -23,8 +23,7 @@ from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.output_error import fit
-from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.predict.parameters import Parameter
@@ -93,10 +92,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     ways = [*first, *((search, each) for each in starts)]
     for seek, begun in ways:
         start = _with_drop_free(trials, begun)
-        found = found_laws(campaign, before, problem, start, progress, seek)
+        found = found_laws(campaign, before, problem, start, progress, seek, done.base.model.parameters)
         if found is not None:
-            given = (*before.held, *done.base.model.parameters)
-            found = _with_all_free(campaign, before, problem, found, given)
             beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
             found, kept = without_riders(campaign, before, problem, found, beside, progress)
             return _as_diagnosed(campaign, before, problem, done, found, kept)
@@ -152,16 +149,19 @@ class _Laws:
 
 def found_laws(
     campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None],
-    seek: Callable[[Problem, Fit, Callable[[str], None]], Found | None] = search,
+    seek: Callable[[Problem, Fit, Callable[[str], None]], Found | None] = search, given: Sequence[Parameter] = (),
 ) -> _Laws | None:  # fmt: skip
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
 
-    A second one is sought where the first leaves much, and kept if it explains that.
+    A second one is sought where the first leaves much, and kept if it explains that. Of the `given` parameters those
+    that were held are free beside the laws.
     """
     kept: _Laws | None = None
+    free = *before.held, *given
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
         more = search(problem, kept.found[-1].final, progress) if kept else seek(problem, start, progress)
         earlier = kept.found if kept else ()
+        more = more and with_all_free(problem, more, free)
         laws = _confirmed(problem, earlier, more, partial(_judged, campaign, before, start), progress)
         if laws is None:
             break
@@ -230,28 +230,6 @@ def _without(campaign: Campaign, before: Identification, laws: _Laws, n: int, le
     if squares[0] - laws.squares[-1][0] >= max(thresholds.MIN_EXPLAINED_SHARE * (first - count), scatter):
         return None
     return laws.in_fit(less, unseen, check, n)
-
-
-def _with_all_free(
-    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, given: Sequence[Parameter]
-) -> _Laws:
-    """The laws in a fit in which those of the given parameters are free, too, that were held without the law.
-
-    They were not determined beside what was missing, or far from their nominal values.
-    """
-    final = laws.found[-1].final
-    known = {parameter.path for parameter in final.model.parameters}
-    held = tuple(parameter for parameter in given if parameter.path not in known)
-    if not held:
-        return laws
-    model = replace(final.model, parameters=(*held, *final.model.parameters))
-    nuisance = nuisance_for_model(problem, final.model, final.nuisance, model)
-    try:
-        free = fit(problem, model, nuisance, final.noise)
-        unseen, (_, check) = validated(campaign, before, [before.found, free])
-    except (PredictionError, np.linalg.LinAlgError):
-        return laws
-    return laws.in_fit(free, unseen, check) if free.converged else laws
 
 
 def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
