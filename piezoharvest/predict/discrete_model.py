@@ -182,8 +182,8 @@ class DiscreteModel:
         matrices, setting = self.matrices, self.setting
         if not len(matrices.kinds):
             return 1
-        rated = np.all(matrices.rated[matrices.places], axis=1)
-        return setting.fine if np.all(rated | ~self.acts(derivatives)) else setting.fine_straight
+        known = np.all((matrices.rated | matrices.straight)[matrices.places], axis=1)
+        return setting.fine if np.all(known | ~self.acts(derivatives)) else setting.fine_straight
 
     def step_by(self, parts: int) -> SampleStep:
         """Step over one of `parts` parts of a sample."""

@@ -71,8 +71,8 @@ class Matrices:
         Thresholds of the stops, exponents of the powers, knots of the hinges.
     places : (elements, 2) array
         Inputs of each element, as indices.
-    rated : (inputs,) array of bool
-        The input's rate is known.
+    rated, straight : (inputs,) array of bool
+        The input's rate is known; it is a straight line in time.
     channels : tuple of str
         Outputs.
     states : tuple of str
@@ -93,6 +93,7 @@ class Matrices:
     parameters: np.ndarray
     places: np.ndarray
     rated: np.ndarray
+    straight: np.ndarray
     channels: tuple[str, ...]
     states: tuple[str, ...]
     memories: tuple[str, ...]
@@ -376,7 +377,7 @@ class RecordModel:
         channels = tuple(name for name in outputs if name != self.drive_name)
         B, w = rates[..., n + len(elements) :], len(elements)
         seen = explicit([*inputs.values(), *(outputs[name] for name in channels)])
-        slopes, rated = _rates_of(seen[..., : len(inputs), :], rates)
+        slopes, rated, straight = _rates_of(seen[..., : len(inputs), :], rates)
         observed = np.concatenate([seen[..., : len(inputs), :], slopes, seen[..., len(inputs) :, :]], axis=-2)
         name_of = {self._content(row): name for name, row, _, _ in self._states}
         contents = list(inputs)
@@ -388,7 +389,8 @@ class RecordModel:
         return Matrices(
             A=rates[..., :n], W=rates[..., n : n + w], B=B, O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=_parameters(elements),
-            places=places, rated=rated, channels=channels, states=tuple(state[0] for state in self._states),
+            places=places, rated=rated, straight=straight, channels=channels,
+            states=tuple(state[0] for state in self._states),
             memories=memories, follow=self._followed(states, scale), own=tuple(self._own),
         )  # fmt: skip
 
@@ -428,19 +430,23 @@ def _stacked(rows: Sequence[Row]) -> np.ndarray:
     return found
 
 
-def _rates_of(seen: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of the elements' inputs, as rows like theirs, and which of them are known.
+def _rates_of(seen: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates of the elements' inputs, as rows like theirs; which of them are known, and which inputs are straight lines.
 
-    That of an input which an element's output reaches directly, or which depends on the rate of the drive, is not.
+    That of an input which an element's output reaches directly, or which depends on the rate of the drive, is not
+    known, nor that of one that depends on time, whose unit is the length of a record; of time alone it is a straight
+    line.
     """
-    n = rates.shape[-2]
-    others = tuple(range(seen.ndim - 2))
+    n, first = rates.shape[-2], seen.shape[-1] - len(INPUTS)
+    drive, drive_rate, _, time = range(first, seen.shape[-1])
     found = seen[..., :n] @ rates
-    drive, drive_rate = (seen.shape[-1] - len(INPUTS) + INPUTS.index(name) for name in ("drive", "drive_rate"))
     found[..., drive_rate] += seen[..., drive]
-    reached = np.concatenate([seen[..., n:drive], seen[..., drive_rate : drive_rate + 1]], axis=-1)
-    rated = ~np.any(reached != 0.0, axis=(*others, -1))
-    return np.where(rated[:, None], found, 0.0), rated
+
+    def reached(*columns: int) -> np.ndarray:
+        return np.any(seen[..., columns] != 0.0, axis=(*range(seen.ndim - 2), -1))
+
+    rated = ~reached(*range(n, first), drive_rate, time)
+    return np.where(rated[:, None], found, 0.0), rated, ~reached(*range(first), drive, drive_rate)
 
 
 def _parameters(elements: Sequence[ScalarElement]) -> np.ndarray:

@@ -14,9 +14,15 @@ from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.electrical.dielectric_relaxation import DielectricRelaxation
+from piezoharvest.description.effects.nameless.forms import Line, Power, TwoKnees
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Play
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, OverTime, Spring
+from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
 from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose.discovery.law_fits import law_parameters
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, corners_of, divided, drive_of, rise_steps
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
@@ -251,6 +257,36 @@ def test_derivatives_are_those_of_central_differences(drive, fine):
             close = 1e-2 if (drive, channel) == ("voltage", "current") else 1e-4
             assert np.mean(off > close) < 0.02, (parameter.name, channel, off.max())
     _own_derivatives(device, drive, values, shunt, slopes[:, :, len(parameters) :], shape - len(parameters), fine)
+
+
+def test_derivatives_with_elements_of_every_kind_in_one_model():
+    """Slopes of one element are not those of the one before it: stops, products, powers, hinges and curves."""
+    laws = [
+        Law(place=Spring(), form=TwoKnees(factor=300.0, second=200.0, upper=1e-4, lower=-2e-4)),
+        Law(place=OverTime("stiffness", "time"), form=StepChange(factor=-0.05, at=0.1, width=0.02)),
+        Law(place=Electrodes(), form=Shape(factor=1e-6, scale=1.0, curve="sinh", bent=False)),
+        Law(place=Damper(), form=Power(factor=2e-3, exponent=1.7, scale=0.1)),
+        Law(place=Capacitor(), form=Line(factor=1e-9), memory=Play(threshold=1.0)),
+        build(registered()["stiffening"], {"cubic_stiffness": 1e8}, "stiffening"),
+        build(registered()["nonlinear_coupling"], {"quadratic_coupling": 0.5}, "nonlinear_coupling"),
+    ]
+    hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}
+    device = replace(build_transducer({**BEAM, "hysteresis": hysteresis}), effects=tuple(laws))
+    force, load = 0.03 * np.sin(2 * np.pi * 43.0 * np.arange(400) / 2000.0), {"kind": "resistor", "resistance": 1e5}
+    parameters = parameters_of(device, {"force"})
+    parameters += [p for n, law in enumerate(laws[:5]) for p in law_parameters(law, n)]
+    parameters = list({p.path: p for p in parameters}.values())
+    assert len(parameters) == 22
+    _, slopes = predicted(device, "force", force, load, parameters, step=5e-4)
+    for k, parameter in enumerate(parameters):
+        inner = parameter.inner(value_at(device, parameter.path))
+        step = 1e-6 * (1.0 if parameter.scaling == "log" else abs(inner))
+        sides = [put(device, parameter.path, float(parameter.outer(inner + sign * step))) for sign in (1, -1)]
+        up, down = (predicted(side, "force", force, load, step=5e-4)[0] for side in sides)
+        for c, channel in enumerate(up):
+            wanted = (up[channel] - down[channel]) / (2 * step)
+            size = max(np.abs(wanted).max(), 1e-8 * np.abs(up[channel]).max() / abs(step))
+            assert np.mean(np.abs(slopes[:, c, k] - wanted) > 1e-3 * size) < 0.02, (parameter.path, channel)
 
 
 def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count, fine):

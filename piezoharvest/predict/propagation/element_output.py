@@ -81,6 +81,7 @@ def _set_smooth(j, kind, s, step, elements, memory, at):
         _set_slopes(inside[at], SECOND, elements.rated[b], step.h, x, x * s, x * s * s, x * s * s * s)
     else:
         value, slope, by_limit = _smooth(kind, limit, x)
+        _set_slopes(inside[at], SECOND, True, step.h, 0.0, 0.0, 0.0, 0.0)
     _set_slopes(inside[at], FIRST, elements.rated[a], step.h, slope, slope * s, slope * s * s, slope * s * s * s)
     inside[at, BEFORE], inside[at, BY_LIMIT], inside[at, SLOPES] = 0.0, by_limit, value
 
