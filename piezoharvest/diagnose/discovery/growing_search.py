@@ -17,20 +17,23 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import as_table, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of, ended
-from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_its_noise
+from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_all_free, with_its_noise
 from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.growing_drives import SmallerDrives
+from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 
 NEAR = 100.0  # of the lowest misfit: a fit that was stopped below that is continued to its end
 ALIKE = 10  # formulas that are fitted where drives are small: where a law bends little, many are about the same
 
 
-def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
+def search_growing(
+    problem: Problem, start: Fit, progress: Callable[[str], None], given: Sequence[Parameter] = ()
+) -> Found | None:
     """As `search`, from the records with smaller drives on; None where these show no law that the others have, too.
 
     It is tried where the misfit is large, and where no record is behind diodes or switches.
@@ -41,6 +44,8 @@ def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]
     start : Fit
         Of the model without it.
     progress : callable
+    given : sequence of Parameter
+        Those that were held without a law are free with it.
     """
     smaller = SmallerDrives.of(problem)
     large = mean_square(start) > thresholds.LARGE_MISFIT
@@ -50,7 +55,8 @@ def search_growing(problem: Problem, start: Fit, progress: Callable[[str], None]
     if less is None or mean_square(less) < 1.0 + thresholds.MUCH_LEFT:
         return None
     progress(f"{', '.join(data.name for data in part.data)}: the drive is smaller, so that laws are sought there first")
-    found = search_growing(part, less, progress) or search(part, less, progress)
+    found = search_growing(part, less, progress, given) or search(part, less, progress)
+    found = found and with_all_free(part, found, given)
     grown = None if found is None else _of_all(smaller, start, found)
     if found is not None and grown is None:
         progress("that explains little of the records with larger drives")

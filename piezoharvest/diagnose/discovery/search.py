@@ -47,6 +47,7 @@ ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
+LITTLE = 0.01  # of a misfit: a tenth of what the least gain of a law allows
 RIVALS = 4  # other places that are reported
 
 Places = Callable[[Problem, Visited], list[Place]]
@@ -275,7 +276,7 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
             continue
         # Where the misfit is large all places are in, and each of their fits takes long.
-        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or _leaves_little(one)]
+        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or _leaves_little(start, one)]
         if not all(_may_do_as_well(problem, one, each) for one in ahead):
             continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
@@ -291,9 +292,10 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
     return done
 
 
-def _leaves_little(law: LawFit) -> bool:
-    """True if what a law leaves is mostly noise."""
-    return mean_square(law.found) < 1.0 + thresholds.MUCH_LEFT
+def _leaves_little(start: Fit, law: LawFit) -> bool:
+    """True if a law leaves hardly any of a large misfit: mostly noise, or what a table with few corners leaves."""
+    misfit, left = mean_square(start), mean_square(law.found) - 1.0
+    return misfit > thresholds.LARGE_MISFIT and left < max(thresholds.MUCH_LEFT, LITTLE * misfit)
 
 
 def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:

@@ -88,11 +88,12 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
     starts = [*([nominal.found] if nominal else []), done.base, *([done.final] if done.nested else [])]
-    first = [(search_campaign, done.base), (search_growing, done.base)]
+    free = *before.held, *done.base.model.parameters
+    first = [(search_campaign, done.base), (partial(search_growing, given=free), done.base)]
     ways = [*first, *((search, each) for each in starts)]
     for seek, begun in ways:
         start = _with_drop_free(trials, begun)
-        found = found_laws(campaign, before, problem, start, progress, seek, done.base.model.parameters)
+        found = found_laws(campaign, before, problem, start, progress, seek, free)
         if found is not None:
             beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
             found, kept = without_riders(campaign, before, problem, found, beside, progress)
@@ -157,11 +158,10 @@ def found_laws(
     that were held are free beside the laws.
     """
     kept: _Laws | None = None
-    free = *before.held, *given
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
         more = search(problem, kept.found[-1].final, progress) if kept else seek(problem, start, progress)
         earlier = kept.found if kept else ()
-        more = more and with_all_free(problem, more, free)
+        more = more and with_all_free(problem, more, given)
         laws = _confirmed(problem, earlier, more, partial(_judged, campaign, before, start), progress)
         if laws is None:
             break
