@@ -227,6 +227,18 @@ def test_a_file_that_may_be_cut_off_is_told(tmp_path, monkeypatch, capsys):
     assert "warning: cut.csv: found only 2 rows of numbers; is the file cut off?" in capsys.readouterr().err
 
 
+def test_values_that_no_transducer_has_are_told(tmp_path, measured):
+    """Volts that are millivolts and amperes that are nanoamperes: a capacitance a millionth of what a film has."""
+    columns = {"time": 1.0, "force": 1.0, "displacement": 1.0, "voltage": 1e3, "current": 1e-3}
+    rows = np.column_stack([factor * measured[name] for name, factor in columns.items()])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,force,displacement,voltage,current", comments="")
+    assert main(["new", "campaign", str(tmp_path / "run.csv"), "--out", str(tmp_path / "campaign.toml")]) == 0
+    lines = (tmp_path / "campaign.toml").read_text().splitlines()
+    told = {line.split()[0]: "implausible: are the units of the channels right?" in line for line in lines if line}
+    assert told["capacitance"] is True
+    assert told["mass"] is False
+
+
 def test_fields_of_a_structure_are_known_by_their_own_names(tmp_path):
     time = np.arange(100) / 1000.0
     fields = {"t": time[:, None], "kraft": np.sin(time)[:, None], "x_um": np.cos(time)[:, None]}

@@ -23,6 +23,11 @@ _UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V
 _DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
 _MECHANICAL = ("mass", "damping", "stiffness")
 _REGRESSED = ("force", "displacement", "velocity", "acceleration", "voltage", "current")
+# A hundred times beyond the transducers of the catalogue, and ten times more for masses, which structures carry.
+_PLAUSIBLE = {
+    "mass": (6e-8, 1e2), "damping": (1e-4, 1e5), "stiffness": (3.0, 3e11), "coupling": (8e-6, 5e3),
+    "capacitance": (7e-12, 7e-4),
+}  # fmt: skip
 # In the place of [transducer], where the records alone do not tell it.
 _MODAL = (
     "# or, instead of these five, what is read off a frequency response and a meter (?):",
@@ -118,7 +123,9 @@ def _transducer(found: Sequence[FoundFile]) -> Iterator[str]:
     rough |= {name: value for name, value in next(filter(None, resonant), {}).items() if name in _MECHANICAL}
     for name, unit in _UNITS.items():
         if name in rough:
-            yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; rough value, from the records (?)"
+            low, high = _PLAUSIBLE[name]
+            doubt = "" if low < rough[name] < high else ", implausible: are the units of the channels right?"
+            yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; rough value, from the records{doubt} (?)"
         else:
             yield f"{f'# {name} = ':<33}# {unit}; not known from the records (?)"
     if "coupling" not in rough:

@@ -114,7 +114,7 @@ def _unit_hint(record: Record, channel: str, factor: float) -> str:
     prefix = _prefix(factor / record.signals[channel].factor)
     told = prefix is not None and channel != "base_acceleration" and _prefix(factor) != ""
     unit = f" (is it {prefix}{UNITS[channel]}?)" if told else ""
-    return f"a factor of up to {MAX_FACTOR:g} either way is allowed; likely a wrong unit{unit}"
+    return f"a factor of up to {MAX_FACTOR:g} either way is allowed; likely a wrong unit{unit} or `gain`"
 
 
 def _prefix(factor: float) -> str | None:
