@@ -52,7 +52,7 @@ def curve_of(code, z):
         return _langevin(z)
     if code == LOG:
         far = 1.0 + abs(z)
-        return math.copysign(math.log(far), z), 1.0 / far, -math.copysign(1.0, z) / (far * far)
+        return math.copysign(math.log1p(abs(z)), z), 1.0 / far, -math.copysign(1.0, z) / (far * far)
     if code == COULOMB:
         root = 1.0 / math.sqrt(1.0 + z * z)
         return z * root, root**3, -3.0 * z * root**5

@@ -98,6 +98,7 @@ def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Fo
     count *= 2 if _of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
     most = max(most, count)
     every = candidates(table) if isinstance(table.form, TABLES) else []
+    most += any(isinstance(each.form, TwoKnees) for each in every[:most])  # it may be one knee
     # A table is too coarse to tell of a diode near no current, and of what happens at once.
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley | StepChange)]
     some = [each for each in some if isinstance(each.form, kind)]
