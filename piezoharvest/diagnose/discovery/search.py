@@ -47,7 +47,6 @@ ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
-LITTLE = 0.01  # of a misfit: a tenth of what the least gain of a law allows
 RIVALS = 4  # other places that are reported
 
 Places = Callable[[Problem, Visited], list[Place]]
@@ -183,7 +182,8 @@ def _freed(problem: Problem, law: LawFit, held: Sequence[Parameter]) -> LawFit |
         free = fit(problem, model, nuisance, found.noise, white=found.white, estimate_noise=False, enough=FIT_TOLERANCE)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
-    return replace(law, found=free) if free.converged and free.cost < found.cost else None
+    # What the data do not determine is free, too: its uncertainty is that of others.
+    return replace(law, found=free) if free.converged and free.cost < found.cost + FIT_TOLERANCE else None
 
 
 def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:
@@ -275,8 +275,10 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         best = min((one.evidence for one in done), default=np.inf)
         if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
             continue
-        # Where the misfit is large all places are in, and each of their fits takes long.
-        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or _leaves_little(start, one)]
+        # Where the misfit is large all places are in, and each of their fits takes long. A law that leaves more than
+        # noise may be at a wrong place, which takes most of the misfit, too.
+        large = mean_square(start) > thresholds.LARGE_MISFIT
+        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or (large and not leaves_much(one))]
         if not all(_may_do_as_well(problem, one, each) for one in ahead):
             continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
@@ -290,12 +292,6 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         else:
             progress(f"there it would give energy, so that it is no law of the {found.place.name}")
     return done
-
-
-def _leaves_little(start: Fit, law: LawFit) -> bool:
-    """True if a law leaves hardly any of a large misfit: mostly noise, or what a table with few corners leaves."""
-    misfit, left = mean_square(start), mean_square(law.found) - 1.0
-    return misfit > thresholds.LARGE_MISFIT and left < max(thresholds.MUCH_LEFT, LITTLE * misfit)
 
 
 def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
