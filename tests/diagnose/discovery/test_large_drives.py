@@ -52,6 +52,7 @@ def of_largest(problem):
     return Problem(problem.data[1:], problem.nominal, problem.offset_channels)
 
 
+@pytest.mark.slow
 def test_two_end_stops_that_are_not_alike():
     def stops(x):
         return 900.0 * np.maximum(x - 2e-4, 0.0) + 300.0 * np.minimum(x + 1.2e-4, 0.0)
