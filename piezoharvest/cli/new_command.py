@@ -23,7 +23,7 @@ _UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V
 _DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
 _MECHANICAL = ("mass", "damping", "stiffness")
 _REGRESSED = ("force", "displacement", "velocity", "acceleration", "voltage", "current")
-# A hundred times beyond the transducers of the catalogue, and ten times more for masses, which structures carry.
+# A hundred times beyond the transducers of the catalogue; masses up to those of structures that carry them.
 _PLAUSIBLE = {
     "mass": (6e-8, 1e2), "damping": (1e-4, 1e5), "stiffness": (3.0, 3e11), "coupling": (8e-6, 5e3),
     "capacitance": (7e-12, 7e-4),

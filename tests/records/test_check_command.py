@@ -66,6 +66,24 @@ def test_a_warning_is_in_the_json_and_the_status(campaign, capsys):
     assert err.startswith("warning: a.csv: displacement")
 
 
+@pytest.mark.parametrize(("output", "unit"), [("displacement", "m/N"), ("voltage", "V/N")])
+def test_a_frequency_response_is_told_with_its_unit(campaign, capsys, output, unit):
+    lines = 40.0 + 0.25 * np.arange(81)
+    s = 2j * np.pi * lines
+    load = 1e5 / (1.0 + s * 1e5 * 40e-9)  # with the capacitance
+    x = 1.0 / (986.96 + 0.0628 * s + 0.010 * s**2 + 1e-6 * s * load)
+    response = {"displacement": x, "voltage": -1e-3 * s * x * load}[output]
+    rows = np.column_stack([lines, response.real, response.imag])
+    np.savetxt(campaign.parent / "a.csv", rows, header="frequency_Hz,real,imaginary", comments="", delimiter=",")
+    record = f'kind = "frf"\noutput = "{output}"\nload_resistance = 1e5'
+    table = CAMPAIGN.partition("[channels]")[0] + '[[records]]\nfile = "a.csv"\n' + record
+    campaign.write_text(table)
+    assert main(["check", str(campaign)]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "frf resistor 81 frequency 40.0 Hz to 60.0 Hz" in words
+    assert unit in words
+
+
 def test_what_cannot_be_read_is_one_sentence(campaign, capsys):
     (campaign.parent / "a.csv").unlink()
     assert main(["check", str(campaign)]) == 2

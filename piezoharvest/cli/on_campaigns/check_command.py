@@ -61,12 +61,12 @@ def _load(record: Record | FrequencyRecord) -> str | None:
 
 def _contents(record: Record | FrequencyRecord) -> list[tuple[str, np.ndarray, str]]:
     """What a record contains, as names, values and units: its channels, or frequency and the response's size."""
-    from piezoharvest.records.reading.channels import UNITS
     from piezoharvest.records.record import Record
+    from piezoharvest.report.units import response_unit
 
     if isinstance(record, Record):
-        return [(name, record[name], UNITS[name]) for name in record.signals]
-    unit = "ohm" if record.kind == "impedance" else f"{UNITS[record.output]}/({UNITS[record.input]})"
+        return [(name, record[name], response_unit(name)) for name in record.signals]
+    unit = response_unit(f"{record.output}/{record.input}")
     return [("frequency", record.frequency, "Hz"), ("magnitude", np.abs(record.response), unit)]
 
 
