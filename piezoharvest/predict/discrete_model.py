@@ -92,6 +92,15 @@ class Setting:
         """Steps in which the drive jumps, including the first one if the record begins abruptly."""
         return np.concatenate([np.zeros(int(self.abrupt), int), self.motion.jumps])
 
+    def coarser(self, misfit: float) -> Setting:
+        """The same with steps that are as fine as a model needs whose whitened residuals have this mean square.
+
+        An error of a parameter counts against what noise and model leave together, of lines it falls with the square of
+        the steps. There are no fewer than of cubics, which mostly are one or two.
+        """
+        straight = int(np.ceil(self.fine_straight / max(misfit, 1.0) ** 0.25))
+        return self if straight >= self.fine_straight else replace(self, fine_straight=max(straight, self.fine))
+
     @cached_property
     def parts(self) -> dict[int, int]:
         """Number of parts of divided steps: those with a jump and those soon after, in which operators slip fast."""

@@ -22,7 +22,7 @@ from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model, inner_values
-from piezoharvest.identify.fitting.output_error import fit, inverse, linearised
+from piezoharvest.identify.fitting.output_error import fit, inverse, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, numbered
 from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -269,15 +269,18 @@ def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
 def fitted(
     problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
 ) -> LawFit | None:
-    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
-    first, known = len(base.model.transducer.effects), base
+    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution.
+
+    As long as much is left, the records are followed in steps that are no finer than that calls for.
+    """
+    first, known, steps = len(base.model.transducer.effects), base, problem.coarser(mean_square(base))
     model = extended(base.model, [law], law_parameters(law, first, deviation))
     nuisance, done = None, None
     for _ in range(SMOOTHING_ROUNDS):
         try:
             nuisance = nuisance or nuisance_for_model(problem, base.model, base.nuisance, model)
             found = fit(
-                problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
+                steps, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
                 most=ITERATIONS, aim=aim,
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
@@ -285,14 +288,16 @@ def fitted(
         if not np.all(np.isfinite(found.information)):  # at values where the model overflows
             return done
         done = LawFit(found, visited)
-        if not isinstance(law.form, TABLES):
+        enough, finer = steps, problem.coarser(mean_square(found))
+        # A fit that was given up is not continued.
+        steps = finer if found.cost < aim else enough
+        better = smoothness(*done.normal).deviation if isinstance(law.form, TABLES) else deviation
+        if steps is enough and (better == deviation or 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION):
             return done
-        better = smoothness(*done.normal).deviation
-        if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:
-            return done
-        deviation = better
-        kept = tuple(replace(p, deviation=deviation) if k in done.tabled else p for k, p in enumerate(model.parameters))
-        model, nuisance = replace(found.model, parameters=kept), found.nuisance
+        kept = model.parameters
+        if better != deviation:
+            kept = tuple(replace(p, deviation=better) if k in done.tabled else p for k, p in enumerate(kept))
+        model, nuisance, deviation = replace(found.model, parameters=kept), found.nuisance, better
     return done
 
 

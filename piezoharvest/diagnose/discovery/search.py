@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,7 @@ from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
 from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
+from piezoharvest.identify.fitting.output_error import excess_of, fit, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
@@ -45,6 +45,8 @@ FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in fu
 # Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
 ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
+# Share of a large misfit from which a table is condensed at once: of what is left to others none explains more.
+MOST_EXPLAINED = 0.5
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported
@@ -111,10 +113,10 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
     misfit = mean_square(start)
     scored = _scored(problem, start, places)
     chosen = promising(scored, misfit)
-    done = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
+    done, condensed = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
     if not done:
         return None
-    table, forms = _likeliest(problem, start, done)
+    table, forms = _likeliest(problem, start, done, condensed)
     if leaves_much(forms[0]):
         table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
@@ -186,11 +188,17 @@ def _freed(problem: Problem, law: LawFit, held: Sequence[Parameter]) -> LawFit |
     return replace(law, found=free) if free.converged and free.cost < found.cost + FIT_TOLERANCE else None
 
 
-def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:
+def _likeliest(
+    problem: Problem, start: Fit, done: Sequence[LawFit], condensed: Mapping[LawFit, list[LawFit]]
+) -> tuple[LawFit, list[LawFit]]:
     """The likeliest law as it was fitted first, and its forms: a free function, or a memory if that does better.
 
-    A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared.
+    A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared,
+    unless one of these is `condensed` to what leaves but noise.
     """
+    for table, forms in condensed.items():
+        if not leaves_much(forms[0]):
+            return table, forms
     with_memory = _at_their_ends(problem, start, best_of([each for each in done if each.law.memory is not None]))
     found = [(forms[0], forms) for forms in (_lag_and_delay(problem, each) for each in with_memory)]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
@@ -267,9 +275,16 @@ def _alike(first: LawFit, second: LawFit) -> bool:
     return (first.place.name, first.place.input) == (second.place.name, second.place.input)
 
 
-def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> list[LawFit]:
-    """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun."""
+def _fits(
+    problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]
+) -> tuple[list[LawFit], dict[LawFit, list[LawFit]]]:
+    """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun.
+
+    Also the forms of tables that were condensed on the way: where the misfit is large, a table with fixed corners may
+    leave much of what a formula explains, and take long beside other places that would do no better than the formula.
+    """
     done: list[LawFit] = []
+    condensed: dict[LawFit, list[LawFit]] = {}
     most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
     for each in chosen:
         best = min((one.evidence for one in done), default=np.inf)
@@ -278,8 +293,12 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
         # Where the misfit is large all places are in, and each of their fits takes long. A law that leaves more than
         # noise may be at a wrong place, which takes most of the misfit, too.
         large = mean_square(start) > thresholds.LARGE_MISFIT
-        ahead = [one for one in best_of(done)[:1] if problem.needs_engine or (large and not leaves_much(one))]
-        if not all(_may_do_as_well(problem, one, each) for one in ahead):
+        ahead = best_of(done)[:1]
+        if large and not problem.needs_engine:
+            ahead = [_condensed(problem, start, one, condensed) for one in ahead]
+        if any(
+            (problem.needs_engine or not leaves_much(one)) and not _may_do_as_well(problem, one, each) for one in ahead
+        ):
             continue
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
         if found is None:
@@ -291,7 +310,21 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: C
             done.append(found)
         else:
             progress(f"there it would give energy, so that it is no law of the {found.place.name}")
-    return done
+    return done, condensed
+
+
+def _condensed(problem: Problem, start: Fit, table: LawFit, known: dict[LawFit, list[LawFit]]) -> LawFit:
+    """The law, or the likeliest form of a table that leaves much though it explains most of the misfit."""
+    if not isinstance(table.form, TABLES) or not leaves_much(table) or _explains(start, table) < MOST_EXPLAINED:
+        return table
+    if table not in known:
+        known[table] = ranked(problem, table)
+    return known[table][0]
+
+
+def _explains(start: Fit, law: LawFit) -> float:
+    """Share that a law explains of what is above noise."""
+    return 1.0 - excess_of(law.found) / excess_of(start)
 
 
 def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
@@ -304,7 +337,7 @@ def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
     explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
         float(part.squares.sum()) for part in best.found.sums
     )
-    own = _gain_from(problem, bare, _without_values(best.law), best.visited)
+    own = _gain_from(problem, bare, _without_values(best), best.visited)
     return _gain_from(problem, bare, other.law, other.visited) > thresholds.MIN_EXCHANGE_SCORE * min(explained, own)
 
 
@@ -316,12 +349,15 @@ def _gain_from(problem: Problem, bare: Fit, law: Law, visited: np.ndarray) -> fl
     return max((each.gain for each in score_memories(problem, bare, [at_null(law)], visited)), default=0.0)
 
 
-def _without_values(law: Law) -> Law:
-    """The law without kinks, or with the factor 0, as it is scored."""
-    form = law.form
+def _without_values(some: LawFit) -> Law:
+    """The law without kinks, or with the factor 0, as it is scored; in the place of a formula a table."""
+    law, form = some.law, some.form
+    if law.memory is not None and isinstance(form, Line):
+        return replace(law, form=replace(form, factor=0.0))
     if isinstance(form, TABLES):
         return replace(law, form=replace(form, kinks=(0.0,) * len(form.kinks)))
-    return replace(law, form=replace(form, factor=0.0)) if isinstance(form, Line) else law
+    table = table_for(some.place, some.visited, remembered=law.memory is not None)
+    return law if table is None else replace(law, form=table)
 
 
 def _words(law: Law) -> str:
