@@ -269,35 +269,30 @@ def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
 def fitted(
     problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
 ) -> LawFit | None:
-    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution.
-
-    As long as much is left, the records are followed in steps that are no finer than that calls for.
-    """
-    first, known, steps = len(base.model.transducer.effects), base, problem.coarser(mean_square(base))
+    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
+    first, known, left = len(base.model.transducer.effects), base, mean_square(base)
     model = extended(base.model, [law], law_parameters(law, first, deviation))
     nuisance, done = None, None
     for _ in range(SMOOTHING_ROUNDS):
         try:
             nuisance = nuisance or nuisance_for_model(problem, base.model, base.nuisance, model)
             found = fit(
-                steps, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
-                most=ITERATIONS, aim=aim,
+                problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
+                most=ITERATIONS, aim=aim, left=left,
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
             return done
         if not np.all(np.isfinite(found.information)):  # at values where the model overflows
             return done
         done = LawFit(found, visited)
-        enough, finer = steps, problem.coarser(mean_square(found))
-        # A fit that was given up is not continued.
-        steps = finer if found.cost < aim else enough
-        better = smoothness(*done.normal).deviation if isinstance(law.form, TABLES) else deviation
-        if steps is enough and (better == deviation or 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION):
+        if not isinstance(law.form, TABLES):
             return done
-        kept = model.parameters
-        if better != deviation:
-            kept = tuple(replace(p, deviation=better) if k in done.tabled else p for k, p in enumerate(kept))
-        model, nuisance, deviation = replace(found.model, parameters=kept), found.nuisance, better
+        better = smoothness(*done.normal).deviation
+        if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:
+            return done
+        deviation, left = better, mean_square(found)
+        kept = tuple(replace(p, deviation=deviation) if k in done.tabled else p for k, p in enumerate(model.parameters))
+        model, nuisance = replace(found.model, parameters=kept), found.nuisance
     return done
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -70,6 +70,7 @@ class Found:
     tried: int
     forms: tuple[LawFit, ...]
     known: Fit | None = None
+    ruled_out: tuple[tuple[Law, float], ...] = ()
 
     @property
     def final(self) -> Fit:
@@ -113,19 +114,24 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
     misfit = mean_square(start)
     scored = _scored(problem, start, places)
     chosen = promising(scored, misfit)
-    done, condensed = _fits(problem, start, chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
+    fits = _Fits(problem, start)
+    fits.try_all(chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
+    done = fits.done
     if not done:
         return None
-    table, forms = _likeliest(problem, start, done, condensed)
+    table, forms = _likeliest(problem, start, fits)
     if leaves_much(forms[0]):
         table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
+    ruled_out = sorted(fits.ruled_out, key=lambda pair: -pair[1])[:RIVALS]
     progress(f"the likeliest law is at {_words(forms[0].law)}: {forms[0].law.name}")
     best = with_its_noise(problem, forms[0])
     as_known = named(problem, best)
     if as_known is not None:
         progress(f"it is {as_known.model.transducer.effects[-1].name}")
-    return Found(best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known)
+    return Found(
+        best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known, tuple(ruled_out)
+    )  # fmt: skip
 
 
 def search_campaign(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
@@ -188,17 +194,16 @@ def _freed(problem: Problem, law: LawFit, held: Sequence[Parameter]) -> LawFit |
     return replace(law, found=free) if free.converged and free.cost < found.cost + FIT_TOLERANCE else None
 
 
-def _likeliest(
-    problem: Problem, start: Fit, done: Sequence[LawFit], condensed: Mapping[LawFit, list[LawFit]]
-) -> tuple[LawFit, list[LawFit]]:
+def _likeliest(problem: Problem, start: Fit, fits: _Fits) -> tuple[LawFit, list[LawFit]]:
     """The likeliest law as it was fitted first, and its forms: a free function, or a memory if that does better.
 
     A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared,
     unless one of these is `condensed` to what leaves but noise.
     """
-    for table, forms in condensed.items():
+    for table, forms in fits.condensed.items():
         if not leaves_much(forms[0]):
             return table, forms
+    done = fits.done
     with_memory = _at_their_ends(problem, start, best_of([each for each in done if each.law.memory is not None]))
     found = [(forms[0], forms) for forms in (_lag_and_delay(problem, each) for each in with_memory)]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
@@ -275,60 +280,81 @@ def _alike(first: LawFit, second: LawFit) -> bool:
     return (first.place.name, first.place.input) == (second.place.name, second.place.input)
 
 
-def _fits(
-    problem: Problem, start: Fit, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]
-) -> tuple[list[LawFit], dict[LawFit, list[LawFit]]]:
-    """Full fits of laws; those that will not come close to the best so far are abandoned, or not begun.
+@dataclass(eq=False)
+class _Fits:
+    """Full fits of laws, of a problem from a start.
 
-    Also the forms of tables that were condensed on the way: where the misfit is large, a table with fixed corners may
-    leave much of what a formula explains, and take long beside other places that would do no better than the formula.
+    Where the misfit is large, a table with fixed corners may leave much of what a formula explains, and take long
+    beside other places that would do no better than the formula: it is condensed at once.
+
+    Attributes
+    ----------
+    done : list of LawFit
+    condensed : dict of LawFit to list of LawFit
+        Forms of tables that were condensed, the likeliest first.
+    ruled_out : list of (Law, float)
+        As in `Found`.
     """
-    done: list[LawFit] = []
-    condensed: dict[LawFit, list[LawFit]] = {}
-    most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
-    for each in chosen:
-        best = min((one.evidence for one in done), default=np.inf)
-        if start.cost - most * each.gain > best + thresholds.CLOSE_COST:
-            continue
-        # Where the misfit is large all places are in, and each of their fits takes long. A law that leaves more than
-        # noise may be at a wrong place, which takes most of the misfit, too.
-        large = mean_square(start) > thresholds.LARGE_MISFIT
-        ahead = best_of(done)[:1]
-        if large and not problem.needs_engine:
-            ahead = [_condensed(problem, start, one, condensed) for one in ahead]
-        if any(
-            (problem.needs_engine or not leaves_much(one)) and not _may_do_as_well(problem, one, each) for one in ahead
-        ):
-            continue
-        found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
-        if found is None:
-            continue
-        progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
-        if found.memory_at_its_end:
-            progress("there it would resonate or relax outside the range that was looked at, so that it does neither")
-        elif takes_energy(problem, found, start.cost - found.found.cost):
-            done.append(found)
-        else:
-            progress(f"there it would give energy, so that it is no law of the {found.place.name}")
-    return done, condensed
+
+    problem: Problem
+    start: Fit
+    done: list[LawFit] = field(default_factory=list)
+    condensed: dict[LawFit, list[LawFit]] = field(default_factory=dict)
+    ruled_out: list[tuple[Law, float]] = field(default_factory=list)
+
+    def try_all(self, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> None:
+        """Fit laws; those that will not come close to the best so far are abandoned, or not begun."""
+        problem, start = self.problem, self.start
+        most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
+        for each in chosen:
+            best = min((one.evidence for one in self.done), default=np.inf)
+            if start.cost - most * each.gain > best + thresholds.CLOSE_COST or self._is_ruled_out(each):
+                continue
+            aim = best + thresholds.CLOSE_COST
+            found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
+            if found is None:
+                continue
+            progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+            if found.memory_at_its_end:
+                progress(
+                    "there it would resonate or relax outside the range that was looked at, so that it does neither"
+                )
+            elif takes_energy(problem, found, start.cost - found.found.cost):
+                self.done.append(found)
+            else:
+                progress(f"there it would give energy, so that it is no law of the {found.place.name}")
+
+    def _is_ruled_out(self, other: ScoredLaw) -> bool:
+        """True if the best law so far leaves no more than noise of a large misfit, and another does not come close.
+
+        Where the misfit is large all places are in, and each of their fits takes long. A law that leaves more than
+        noise may be at a wrong place, which takes most of the misfit, too.
+        """
+        problem, large = self.problem, mean_square(self.start) > thresholds.LARGE_MISFIT
+        if not self.done or not (large or problem.needs_engine):
+            return False
+        best = min(self.done, key=lambda each: each.evidence)
+        best = best if problem.needs_engine else self._condensed(best)
+        if leaves_much(best) and not problem.needs_engine:
+            return False
+        explained, own, others = _explained_beside(problem, best, other)
+        if others > thresholds.MIN_EXCHANGE_SCORE * min(explained, own):
+            return False
+        self.ruled_out.append((other.law, 0.5 * (others - explained)))
+        return True
+
+    def _condensed(self, table: LawFit) -> LawFit:
+        """The law, or the likeliest form of a table that leaves much though it explains most of the misfit."""
+        explains = 1.0 - excess_of(table.found) / excess_of(self.start)
+        if not isinstance(table.form, TABLES) or not leaves_much(table) or explains < MOST_EXPLAINED:
+            return table
+        if table not in self.condensed:
+            self.condensed[table] = ranked(self.problem, table)
+        return self.condensed[table][0]
 
 
-def _condensed(problem: Problem, start: Fit, table: LawFit, known: dict[LawFit, list[LawFit]]) -> LawFit:
-    """The law, or the likeliest form of a table that leaves much though it explains most of the misfit."""
-    if not isinstance(table.form, TABLES) or not leaves_much(table) or _explains(start, table) < MOST_EXPLAINED:
-        return table
-    if table not in known:
-        known[table] = ranked(problem, table)
-    return known[table][0]
-
-
-def _explains(start: Fit, law: LawFit) -> float:
-    """Share that a law explains of what is above noise."""
-    return 1.0 - excess_of(law.found) / excess_of(start)
-
-
-def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
-    """False if another law, scored where the best one has taken the parameters, explains too little of what that does.
+def _explained_beside(problem: Problem, best: LawFit, other: ScoredLaw) -> tuple[float, float, float]:
+    """What the best law explains where it has taken the parameters, its score there, and that of another law.
 
     There a score tells more than at the start, from which a fit may take minutes: without a law the parameters have
     gone far to make up for it. Of a large law a score is little, for the best one as for the others.
@@ -338,7 +364,7 @@ def _may_do_as_well(problem: Problem, best: LawFit, other: ScoredLaw) -> bool:
         float(part.squares.sum()) for part in best.found.sums
     )
     own = _gain_from(problem, bare, _without_values(best), best.visited)
-    return _gain_from(problem, bare, other.law, other.visited) > thresholds.MIN_EXCHANGE_SCORE * min(explained, own)
+    return explained, own, _gain_from(problem, bare, other.law, other.visited)
 
 
 def _gain_from(problem: Problem, bare: Fit, law: Law, visited: np.ndarray) -> float:

@@ -15,7 +15,15 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
-from piezoharvest.diagnose.discovery.search import Found, can_search, instead, search, search_campaign, with_all_free
+from piezoharvest.diagnose.discovery.search import (
+    RIVALS,
+    Found,
+    can_search,
+    instead,
+    search,
+    search_campaign,
+    with_all_free,
+)
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
@@ -288,9 +296,13 @@ def _discovered(laws: _Laws, n: int) -> Discovery:
     """The n-th law as a result, with its values in the last fit."""
     each, (first, last) = laws.found[n], (laws.squares[0], laws.squares[-1])
     share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
-    rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
+    rivals = [(rival.law, each.log_odds(rival)) for rival in each.rivals] + list(each.ruled_out)
+    reported = tuple(
+        Rival(law.place.name, law.place.input, law.form.word, odds)
+        for law, odds in sorted(rivals, key=lambda pair: -pair[1])[:RIVALS]
+    )
     fitted = LawFit(laws.found[-1].final, each.best.visited, n - len(laws.found))
-    return discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals, each.forms)
+    return discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), reported, each.forms)
 
 
 def _p_value(found: Found) -> float:

@@ -428,7 +428,10 @@ class CandidateFits:
 
     def _refit(self, model: Model, nuisance, before: Fit, **options: Any) -> Fit:
         """Fit with the noise and the whitening of another fit."""
-        return fit(self.problem, model, nuisance, before.noise, white=before.white, estimate_noise=False, **options)
+        return fit(
+            self.problem, model, nuisance, before.noise, white=before.white, estimate_noise=False,
+            left=mean_square(before), **options,
+        )  # fmt: skip
 
     def remember(self, step: EffectChange | None) -> EffectChange | None:
         """Record the step as the best with its effects if it is; returns the step."""

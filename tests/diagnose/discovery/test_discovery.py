@@ -93,9 +93,11 @@ def test_a_load_that_conducts_beyond_a_voltage_is_found_in_the_load(knee):
 
 def test_other_places_are_ruled_out_and_named(knee):
     assert not knee.close
-    assert knee.rivals
-    assert all(knee.log_odds(rival) < -100.0 for rival in knee.rivals)
-    assert "load" not in {rival.place.name for rival in knee.rivals}
+    rivals = [(rival.place.name, knee.log_odds(rival)) for rival in knee.rivals]
+    rivals += [(law.place.name, odds) for law, odds in knee.ruled_out]
+    assert len(rivals) > 3
+    assert all(odds < -100.0 for _, odds in rivals)
+    assert "load" not in dict(rivals)
 
 
 def test_the_formulas_of_a_table_are_ranked_by_what_they_leave_of_it(knee):
