@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from piezoharvest.spice.circuits import WRITERS
 from piezoharvest.spice.simulators import ngspice
 from piezoharvest.spice.simulators.comparison import compare
 from piezoharvest.spice.simulators.schematic import schematic
+from piezoharvest.study import study_from
 
 # Damped so much that it is steady after a dozen periods.
 DAMPED = {"damping": 0.6, "coupling": 3e-4}
@@ -144,6 +146,23 @@ def compare_with_engine(study, tolerance, **options):
 
 
 @needs_ngspice
+@pytest.mark.parametrize(
+    ("said", "runs"),
+    [
+        ("Warning: singular matrix:  check node k", True),  # it has gone on with a shorter step
+        ("doAnalyses: TRAN:  Timestep too small; time = 0.1", False),
+        ("run simulation(s) aborted", False),
+    ],
+)
+def test_what_ngspice_recovers_from_is_no_failure(said, runs):
+    output = f"Circuit: * title\n{said}\nharvested_power     =  1.5e-03 from=  0.1 to=  0.2\n"
+    if runs:
+        assert ngspice._measured(output, 0) == {"harvested_power": 1.5e-3}
+        return
+    with pytest.raises(NgspiceError, match=re.escape(said)):
+        ngspice._measured(output, 0)
+
+
 class TestRuns:
     @pytest.mark.parametrize(
         ("hysteresis", "kind"),
@@ -463,6 +482,16 @@ class TestRealDiodes:
     def test_a_diode_of_the_catalogue(self):
         text = netlist(bench(SWITCHED["rectifier"], DRIVE), diodes="BAT54")
         assert ".model diode D(IS=2.117e-07 N=1.016 RS=2.637)" in text
+
+    def test_from_the_steady_state_of_the_same_diodes_the_run_is_short(self):
+        shunt = {"kind": "rectifier", **LOAD, "diode": "BAT54"}
+        study = study_from({"title": "", **bench(shunt, DRIVE)}, Path("study.toml"))
+        texts = [
+            export_spice(study.transducer, study.shunts[0], study.excitation, diodes=name)
+            for name in ("BAT54", "1N4148")
+        ]
+        lengths = [float(text.split("\n.tran ")[1].split()[1]) for text in texts]
+        assert lengths[0] < 0.5 * lengths[1]
 
     def test_a_wrong_model_is_refused(self):
         for model in ("1N4149", "D(Is=1n) .include x", "D(Is)"):

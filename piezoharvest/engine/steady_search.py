@@ -22,9 +22,10 @@ from piezoharvest.engine.steady_state import section as sc
 from piezoharvest.engine.steady_state import shooting as sh
 from piezoharvest.engine.work_limit import MAX_WORK
 
-# A motion from rest is compared with the orbit every CHECKED periods, PATIENCE times at most; coming closer CLOSER
-# times in a row is enough.
-PERIODS_BETWEEN_CHECKS, MAX_CHECKS, MIN_APPROACHES = 100, 15, 5
+# A motion from rest is compared with the orbit every PERIODS_BETWEEN_CHECKS, MAX_CHECKS times at most; coming closer
+# MIN_APPROACHES times in a row is enough, each time by the share APPROACH: a motion that stays away from the orbit
+# comes closer by chance, by rounding.
+PERIODS_BETWEEN_CHECKS, MAX_CHECKS, MIN_APPROACHES, APPROACH = 100, 15, 5, 1e-9
 LOG_LENGTH = 4096  # events of a span that are recorded
 
 
@@ -129,7 +130,8 @@ class Shooting:
             time += PERIODS_BETWEEN_CHECKS * self.period
             check(self.machine.run(state, time))
             distances.append(float(np.linalg.norm(state.z[: self.n] - there)))
-            closer = len(distances) > MIN_APPROACHES and np.all(np.diff(distances[-MIN_APPROACHES:]) < 0)
+            last = np.array(distances[-MIN_APPROACHES:])
+            closer = len(distances) > MIN_APPROACHES and np.all(last[1:] < (1 - APPROACH) * last[:-1])
             if distances[-1] <= 0.02 * size or closer:
                 return True, state
         return False, state

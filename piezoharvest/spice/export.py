@@ -7,7 +7,10 @@ import re
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from piezoharvest.description.catalogue.parts import parts
+from piezoharvest.description.diode import exponential_curve
 from piezoharvest.description.excitation import Excitation, Tones
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
@@ -24,6 +27,8 @@ from piezoharvest.spice.steady_start import steady_start
 
 # Default length in longest time constants, its bounds in periods; steps in the shortest pulse.
 SETTLING = 10.0
+# The same from the steady state of the broken line of the same diodes: a twentieth of what that is wrong by is left.
+NEAR_SETTLING = 3.0
 MIN_PERIODS, MAX_PERIODS = 10, 500
 STEPS_IN_PULSE = 20
 # Periods that run before the measurement where the run begins in the steady state.
@@ -106,7 +111,7 @@ def export_spice(
     diodes : str, optional
         SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)", or a name of the catalogue, as "BAT54"; by
         default they are ideal with a drop. The run is then as long as one from rest, since such diodes have another
-        steady state.
+        steady state; a third of that where the shunt has the diodes of that name.
     dialect : str, optional
         For one of the programs alone, with its own options; by default for both.
     tolerance : float
@@ -150,7 +155,8 @@ def export_spice(
     circuit = write_shunt(deck, shunt, point)
     _write_readings(deck, point, circuit)
     deck.section("analysis")
-    window = _write_window(deck, point, circuit, periods, measured_periods)
+    settling = NEAR_SETTLING if begin is not None and _same_law(diodes, shunt) else SETTLING
+    window = _write_window(deck, point, circuit, periods, measured_periods, settling)
     rings = 2 * math.pi * (getattr(shunt, "self_resonance", None) or 0.0) > MANY_RINGS * point.omega
     accuracy = RINGING if rings else Accuracy(1.0, 1e-9, 1.0)
     step = _largest_step(point, circuit, steps_per_period)
@@ -171,6 +177,16 @@ def _diode_model(model: str | None, shunt: Shunt) -> str | None:
         known = "a diode of the catalogue or a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'"
         raise ParameterError("diodes", f"found {model!r}, must be {known}")
     return " ".join(model.split())
+
+
+def _same_law(diodes: str | None, shunt: Shunt) -> bool:
+    """Whether the diodes of a shunt are the broken line of a part of the catalogue, and stand for that part."""
+    curve = shunt.diode_curve if isinstance(shunt, Bridge) else None
+    if curve is None or diodes is None or diodes not in parts("diode"):
+        return False
+    part = parts("diode")[diodes]
+    law = exponential_curve(*(part[key] for key in ("saturation_current", "emission", "series_resistance")))
+    return np.allclose(curve.voltages, law.voltages) if len(curve.voltages) == len(law.voltages) else False
 
 
 def _write_introduction(deck: Deck, dialect: str | None) -> None:
@@ -213,9 +229,12 @@ def _write_efficiency(deck: Deck, point: OperatingPoint, window: tuple[float, fl
 
 
 def _write_window(
-    deck: Deck, point: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int
+    deck: Deck, point: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int, settling: float
 ) -> tuple[float, float]:
-    """Write the length of the run; return beginning and end of the measurement, s."""
+    """Write the length of the run; return beginning and end of the measurement, s.
+
+    By default it is so many times the slowest time constant, `settling`.
+    """
     period, length = point.excitation.period, point.excitation.length
     if period is None:
         if length is None:
@@ -223,7 +242,7 @@ def _write_window(
         deck.comment("The excitation is not periodic: one run through it, measured from beginning to end.")
         return 0.0, length
     slowest = max(circuit.slowest, *_decay_times(point.transducer))
-    wanted = measured + math.ceil(max(MIN_PERIODS, min(SETTLING * slowest / period, 1e9)))
+    wanted = measured + math.ceil(max(MIN_PERIODS, min(settling * slowest / period, 1e9)))
     if point.start is not None and point.diodes is None:
         wanted = measured + STEADY_PERIODS
     if periods is None:

@@ -94,3 +94,17 @@ def test_large_smoothing_capacitor_from_a_charged_start(case):
     start = steady(bench(CASES[case]), 0, tol=1e-6, max_periods=300).final
     start["shunt"] = {**start["shunt"], "dc_voltage": found.dc_voltage}
     check(bench(shunt), z0=start)
+
+
+def test_a_motion_from_rest_that_stays_away_from_an_orbit_does_not_reach_it():
+    """Open electrodes with a large charge repeat for ever; distances from there shrink by rounding alone."""
+    shunt = {"kind": "self_powered_ssdi", "inductance": 0.0855, "quality": 17.7, "envelope_capacitance": 16.3e-9,
+             "threshold": 0.1227, "diode_drop": 0.0749}  # fmt: skip
+    device = {"mass": 0.007819, "damping": 0.03761, "stiffness": 569.42, "coupling": 4.0536e-3, "capacitance": 210.7e-9}
+    drive = {"kind": "sine_force", "amplitude": 0.01447, "frequency": 43.676}
+    study = {"transducer": device, "excitation": drive, "shunts": [shunt]}
+    found = solve(study)
+    run = solve(study, transient=300 / drive["frequency"]).waveforms
+    last = run.displacement[run.time > run.time[-1] - 2 / drive["frequency"]]
+    assert found.converged, found.message
+    assert found.displacement_amplitude == pytest.approx(0.5 * (last.max() - last.min()), rel=2e-3)  # of samples

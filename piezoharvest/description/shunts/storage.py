@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -91,6 +92,7 @@ class Storage(Component):
         with np.errstate(divide="ignore"):
             return voltage * np.real(self.turn_off) / most
 
+    @cached_property
     def knots(self) -> tuple[list[Any], int]:
         """Voltages (V) at which the pieces of the load's line begin and end, and the place of `turn_on` among them."""
         below, above = (_pieces(high / low) for low, high in self._ranges())
@@ -114,7 +116,7 @@ class Storage(Component):
 
     def share(self, piece: int, phase: int) -> Any:
         """Share of what leaves the store on a piece of the line that reaches the load."""
-        knots, _ = self.knots()
+        knots, _ = self.knots
         return self.efficiency_at(0.5 * (knots[piece] + knots[piece + 1]), phase)
 
     def line(self, piece: int, phase: int = 0) -> tuple[Any, Any]:
@@ -123,7 +125,17 @@ class Storage(Component):
         A chord of 1/v takes more than the constant power inside; its scale makes up for that in the time in which
         the power alone discharges the store from its upper to its lower end.
         """
-        knots, below = self.knots()
+        if (piece, phase) not in self._lines:
+            self._lines[piece, phase] = self._line(piece, phase)
+        return self._lines[piece, phase]
+
+    @cached_property
+    def _lines(self) -> dict[tuple[int, int], tuple[Any, Any]]:
+        """Lines that were asked for: each of them is for every configuration of the circuit, several times."""
+        return {}
+
+    def _line(self, piece: int, phase: int) -> tuple[Any, Any]:
+        knots, below = self.knots
         low, high = knots[piece], knots[piece + 1]
         own, lower = _scale(high / low), _scale(knots[below] / knots[below - 1])
         # The line must not jump up at `turn_on`: a store in balance there would be led from one side to the other.

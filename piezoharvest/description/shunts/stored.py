@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,7 +39,7 @@ class Stored(ExtendedCircuit):
     @property
     def pieces(self) -> int:
         """Number of pieces of the load's line."""
-        return len(self.storage.knots()[0]) - 1
+        return len(self.storage.knots[0]) - 1
 
     def configurations(self) -> tuple[str, ...]:
         phases, levels = range(max(1, len(self.storage.phases))), (*map(str, range(self.pieces)), FULL)
@@ -83,7 +84,7 @@ class Stored(ExtendedCircuit):
             guard._replace(target=f"{supply} {guard.target}", conducts=guard.begins_to_conduct)
             for guard in self._loaded(supply).guards(own, port, z)
         ]
-        (knots, first), voltage = self.storage.knots(), self._voltage(supply, own, port, z)
+        (knots, first), voltage = self.storage.knots, self._voltage(supply, own, port, z)
         if supply == OFF:
             reached = voltage - (1 - REACHED) * knots[first] * port.one
             return [*guards, Guard(reached, f"{self._name(str(first), 0)} {own}", event="supply turns on")]
@@ -137,7 +138,14 @@ class Stored(ExtendedCircuit):
         """The circuit with what the supply draws from it."""
         if supply == OFF:
             return self.circuit
-        return self.circuit.supplying(*self.storage.line(self._piece(supply), _phase(supply)))
+        if supply not in self._circuits:
+            self._circuits[supply] = self.circuit.supplying(*self.storage.line(self._piece(supply), _phase(supply)))
+        return self._circuits[supply]
+
+    @cached_property
+    def _circuits(self) -> dict[str, Bridge]:
+        """Circuits that were asked for, by the name of what the supply does."""
+        return {}
 
     def _charging(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Current into the capacitor, or past a full one: what arrives, less what leaves its side."""

@@ -39,9 +39,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     # the work that is left, and the value of it at the next check (see `work_limit`).
     WORK_LEFT, NEXT_CHECK,
 ) = range(pg.CONTENTS, pg.CONTENTS + pg.ROOM)  # fmt: skip
-# and within its block of integers: key, finest level, 1 if its energies are there, padded number of the guards' rows
-# without those of watched outputs, place of the form that conducting diodes hold at zero (-1: none), number of guards,
-# then for every guard its kind and its row.
+# and within its block of integers: key, finest level, bits of its energies (0 if they are not there), padded number of
+# the guards' rows without those of watched outputs, place of the form that conducting diodes hold at zero (-1: none),
+# number of guards, then for every guard its kind and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, CLAMPED_FORM, GUARD_COUNT, FIRST_GUARD = range(7)
 
 

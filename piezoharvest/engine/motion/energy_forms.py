@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.tables import block_of, slot_of
@@ -21,6 +21,7 @@ def energies_of_steps(P, L, slot, configuration):
 
     On the finest level by Gauss-Legendre quadrature of polynomials, exact to rounding; then doubled: the form of a
     double step is Q + (1 + G)' Q (1 + G). Computed when first needed: a search also uses modes without energies.
+    Returns bits: the first one is set, and those of the energies that are not zero in this mode (see `bit_of_energy`).
     """
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, square, powers = L[slot_of(L, slot) + tb.FINEST_LEVEL], rows * columns, L[tb.SCRATCH]
@@ -56,6 +57,17 @@ def energies_of_steps(P, L, slot, configuration):
                 P[transposed + i * rows + j] = P[growth + j * rows + i]
         for e in range(energies):
             _double_form(P, L, gramian + e * square, coarser + e * square, growth, transposed)
+    bits, gramian = 1, block + L[tb.GRAMIAN] + finest * energies * square
+    for e in range(energies):
+        if dot(P, gramian + e * square, P, gramian + e * square, square) > 0.0:
+            bits |= bit_of_energy(e)
+    return bits
+
+
+@inlined
+def bit_of_energy(e):
+    """Bit of an energy in a mode's flags; beyond the number of bits several share one."""
+    return 2 << min(e, 60)
 
 
 @compiled

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.compilation.compiled import compiled, inlined
+from piezoharvest.engine.events.event_location import locate
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
@@ -10,7 +11,7 @@ from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column, vector
 from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import copy, dot, grow, multiply, polynomial
-from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS, energies_of_steps
+from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS, bit_of_energy, energies_of_steps
 from piezoharvest.engine.motion.exact_step import FLOW, SAMPLE, SAVED, SERIES, propagate_exactly, taylor_terms
 from piezoharvest.engine.motion.mode_forms import STIFF_LEVELS
 from piezoharvest.engine.work_limit import spend_products
@@ -44,32 +45,42 @@ def record_outputs(P, L, S, D, slot, tau, end, arrived):
         first = L[at + tb.GUARD_COUNT] - pg.WATCHED
         for k in range(pg.WATCHED):
             output = outputs + (pg.DISPLACEMENT if k == 0 else pg.VOLTAGE)
-            rate = block_of(L, slot) + L[tb.LINES] + 2 * L[at + tb.FIRST_GUARD + 2 * (first + k) + 1] * L[pg.ROWS]
-            _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, rate)
+            row = L[at + tb.FIRST_GUARD + 2 * (first + k) + 1]
+            _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, row)
 
 
 @compiled
-def _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, rate):
-    """Widen the extremes by the ends of a step, and by the turning point where the output's rate changes sign."""
+def _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, row):
+    """Widen the extremes by the ends of a step, and by the turning point where the output's rate changes sign.
+
+    The rate is a form of the mode, at `row`.
+    """
     a, rows, z = L[pg.A], L[pg.ROWS], vector(L, D, SAMPLE)
-    _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a))
-    _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a))
+    rate = block_of(L, slot) + L[tb.LINES] + 2 * row * rows
+    first, last = dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a), dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a)
+    _extend_extremes(S, D, k, first)
+    _extend_extremes(S, D, k, last)
     before, after = dot(P, rate, S, 0, rows), dot(P, rate, S, arrived, rows)
-    if not before * after < 0.0:
+    if not before * after < 0.0 or not _may_be_extreme(S, D, k, first, last, before, after, tau):
         return
-    low, high, low_rate, high_rate = 0.0, tau, before, after
-    for _ in range(60):
-        # Illinois variant of the secant method: the value at the end that stays is halved.
-        x = low + (high - low) * low_rate / (low_rate - high_rate)
-        propagate_exactly(P, L, S, D, slot, 0, x, z)
-        value = dot(P, rate, S, z, rows)
-        if value * before > 0.0:
-            low, low_rate, high_rate = x, value, 0.5 * high_rate
-        else:
-            high, high_rate, low_rate = x, value, 0.5 * low_rate
-        if abs(value) <= 1e-9 * (abs(before) + abs(after)) or high - low <= 1e-12 * tau:
-            break
+    sign = 1.0 if after > 0.0 else -1.0
+    locate(P, L, S, D, slot, row, sign, 0.0, 0.0, tau, tau * before / (before - after), z)
     _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, z, a))
+
+
+@inlined
+def _may_be_extreme(S, D, k, first, last, before, after, tau):
+    """True if an output that turns between two values, with rates at both, may pass its extremes so far.
+
+    It stays on its side of the tangents at both ends where its rate is monotone; it is allowed to pass the nearer end
+    by twice as much as these do.
+    """
+    meets = first + before * (last - first - after * tau) / (before - after)
+    lowest = S[D[st.EXTREMES] + 2 * k]
+    highest = S[D[st.EXTREMES] + 2 * k + 1]
+    if before > 0.0:
+        return 2.0 * meets - max(first, last) > highest
+    return 2.0 * meets - min(first, last) < lowest
 
 
 @compiled
@@ -88,8 +99,7 @@ def record_energies(P, L, S, D, slot, tau, level):
     if D[st.ENERGIES] == 0:
         return
     if not L[slot_of(L, slot) + tb.ACCOUNTED]:
-        energies_of_steps(P, L, slot, D[st.CONFIGURATION])
-        L[slot_of(L, slot) + tb.ACCOUNTED] = 1
+        L[slot_of(L, slot) + tb.ACCOUNTED] = energies_of_steps(P, L, slot, D[st.CONFIGURATION])
     if level != NONE:
         _full_step(P, L, S, D, slot, level)
         return
@@ -119,7 +129,10 @@ def _full_step(P, L, S, D, slot, level):
     rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
     spend_products(L, D[st.ENERGIES])
     square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
+    felt = L[slot_of(L, slot) + tb.ACCOUNTED]
     for e in range(D[st.ENERGIES]):
+        if not felt & bit_of_energy(e):
+            continue
         forms = block + L[tb.GRAMIAN] + e * square
         multiply(P, forms + level * L[tb.LEDGER] * square, rows, columns, S, 0, out)
         total = 0.0

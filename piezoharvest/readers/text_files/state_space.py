@@ -72,7 +72,8 @@ def read_state_space(path: Path) -> StateSpaceModes:
     matrices = _matrices(path.read_text(encoding="utf-8", errors="replace"))
     if len(matrices) < 3:
         found = f"found {len(matrices)} matrices in Matrix Market format"
-        raise ReadError(f"{found}, must be A, B and C, as SPMWRITE writes them with FileFormat = 1")
+        others = "0 (dense) and 2 to 4 (SML, the default) are not read"
+        raise ReadError(f"{found}, must be A, B and C, as SPMWRITE writes them with FileFormat = 1; {others}")
     a, b, c = matrices[:3]
     n = len(a) // 2
     if a.shape != (2 * n, 2 * n) or not n or len(b) != 2 * n or c.shape[1] != 2 * n:

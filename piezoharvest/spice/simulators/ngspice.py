@@ -19,6 +19,8 @@ QUICK, PARTS, LOOK, TAIL = 5.0, 20, 0.05, 400
 _REACHED = re.compile(r"Reference value :\s*([\d.]+e[-+]\d+)\s*[\r\n]")
 _MEASUREMENT = re.compile(r"^(\w+)\s+=\s+([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+from=.*)?\s*$", re.MULTILINE | re.IGNORECASE)
 # ngspice ends with status 0 after some of these, and goes on from others with numbers that mean nothing.
+# A singular matrix makes it try a shorter step: where that does not help it says so, too.
+_RECOVERED = "Warning: singular matrix"
 _FAILURES = re.compile(r"error|aborted|fatal|singular|too small|meas .* failed|unknown|unrecognized", re.IGNORECASE)
 
 
@@ -125,7 +127,7 @@ def _value(word: str) -> float:
 def _measured(output: str, status: int) -> dict[str, float]:
     # The first line that is printed repeats the title, which may hold any word.
     lines = [line for line in output.splitlines() if not line.startswith("Circuit:")]
-    failures = [line for line in lines if _FAILURES.search(line)]
+    failures = [line for line in lines if _FAILURES.search(line) and not line.startswith(_RECOVERED)]
     measured = {name.lower(): float(value) for name, value in _MEASUREMENT.findall("\n".join(lines))}
     if status or failures or not measured:
         raise NgspiceError("\n".join(failures) or output[-2000:])
