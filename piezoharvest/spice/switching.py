@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.curves.loop_sections import Section
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.damping.ssds import SSDS
 from piezoharvest.description.shunts.real_coil import RealCoil, WoundCoil, WoundSwitch
@@ -188,11 +190,13 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
         deck.add("Rcore p l", core)
         deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
         deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
-    curve = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
-    deck.add(f"Rloop l {'c' if curve else 'k'}", resistance - 2 * impedance**2 / ideal)
+    curve, sections = (shunt.switch_curve, shunt.sections) if isinstance(shunt, WoundSwitch) else (None, ())
+    line = [*(f"s{n}" for n, _ in enumerate(sections)), *(["c"] if curve else []), "k"]
+    deck.add(f"Rloop l {line[0]}", resistance - 2 * impedance**2 / ideal)
+    write_sections(deck, sections, line, point)
     if curve:
         deck.comment("What the closed switch takes beside the resistance of the loop, over its current.")
-        deck.add(f"Bcurve c k V={odd_voltage(curve, '((V(l)-V(c))/{resistance_loop})')}")
+        deck.add(f"Bcurve c k V={odd_voltage(curve, f'((V(l)-V({line[0]}))/{{resistance_loop}})')}")
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
@@ -202,6 +206,20 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
         critical += 1 / core + math.exp(-np.euler_gamma) * CORE_STRAY * capacitance / time
     write_switch(deck, ("k", end), critical, ideal / impedance**2, OPEN / impedance)
     return impedance
+
+
+def write_sections(deck: Deck, sections: Sequence[Section], nodes: Sequence[str], point: OperatingPoint) -> None:
+    """What lags behind the current of the coil, from node to node."""
+    if sections:
+        deck.comment("What in line with the coil lags behind its current.")
+    for section, node, following in zip(sections, nodes[:-1], nodes[1:], strict=False):
+        between, name, begins = f"{node} {following}", section.name, point.initial(section.name)
+        resistance, time_constant = float(section.resistance), float(section.time_constant)
+        deck.add(f"R{name} {between}", resistance)
+        if section.beside == "inductance":
+            deck.add(f"L{name} {between}", resistance * time_constant, f"IC={number(begins)}")
+        else:
+            deck.add(f"C{name} {between}", time_constant / resistance, f"IC={number(resistance * begins)}")
 
 
 def odd_voltage(curve: VoltageCurve, current: str) -> str:
