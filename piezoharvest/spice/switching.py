@@ -182,21 +182,20 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
         "Rsnubber takes up the current that still flows when the switch opens; what it takes while the switch is "
         "closed is left out of Rloop."
     )
-    deck.add("Lloop p l", inductance, point.condition("current"))
+    curve, sections = (shunt.switch_curve, shunt.sections) if isinstance(shunt, WoundSwitch) else (None, ())
+    begin = write_sections(deck, sections, "p", point)
+    deck.add(f"Lloop {begin} l", inductance, point.condition("current"))
     ideal = impedance * max(IDEAL, 100 * impedance / float(resistance))
-    deck.add("Rsnubber p l", ideal)
+    deck.add(f"Rsnubber {begin} l", ideal)
     core = shunt.core_resistance
     if core is not None:
         deck.add("Rcore p l", core)
         deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
         deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
-    curve, sections = (shunt.switch_curve, shunt.sections) if isinstance(shunt, WoundSwitch) else (None, ())
-    line = [*(f"s{n}" for n, _ in enumerate(sections)), *(["c"] if curve else []), "k"]
-    deck.add(f"Rloop l {line[0]}", resistance - 2 * impedance**2 / ideal)
-    write_sections(deck, sections, line, point)
+    deck.add(f"Rloop l {'c' if curve else 'k'}", resistance - 2 * impedance**2 / ideal)
     if curve:
         deck.comment("What the closed switch takes beside the resistance of the loop, over its current.")
-        deck.add(f"Bcurve c k V={odd_voltage(curve, f'((V(l)-V({line[0]}))/{{resistance_loop}})')}")
+        deck.add(f"Bcurve c k V={odd_voltage(curve, '((V(l)-V(c))/{resistance_loop})')}")
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
@@ -208,18 +207,24 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
     return impedance
 
 
-def write_sections(deck: Deck, sections: Sequence[Section], nodes: Sequence[str], point: OperatingPoint) -> None:
-    """What lags behind the current of the coil, from node to node."""
+def write_sections(deck: Deck, sections: Sequence[Section], node: str, point: OperatingPoint) -> str:
+    """What lags behind the current of a coil, from a node on; return the node at its end.
+
+    In front of the coil, whose current does not jump: behind it ngspice finds no step when the switch closes.
+    """
     if sections:
         deck.comment("What in line with the coil lags behind its current.")
-    for section, node, following in zip(sections, nodes[:-1], nodes[1:], strict=False):
-        between, name, begins = f"{node} {following}", section.name, point.initial(section.name)
+    for section in sections:
+        name, begins = section.name, point.initial(section.name)
         resistance, time_constant = float(section.resistance), float(section.time_constant)
-        deck.add(f"R{name} {between}", resistance)
+        nodes = f"{node} {name}"
+        deck.add(f"R{name} {nodes}", resistance)
         if section.beside == "inductance":
-            deck.add(f"L{name} {between}", resistance * time_constant, f"IC={number(begins)}")
+            deck.add(f"L{name} {nodes}", resistance * time_constant, f"IC={number(begins)}")
         else:
-            deck.add(f"C{name} {between}", time_constant / resistance, f"IC={number(resistance * begins)}")
+            deck.add(f"C{name} {nodes}", time_constant / resistance, f"IC={number(resistance * begins)}")
+        node = name
+    return node
 
 
 def odd_voltage(curve: VoltageCurve, current: str) -> str:
