@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 Row: TypeAlias = NDArray[Any]
@@ -58,6 +59,8 @@ class State(NamedTuple):
         Value at which a transient begins.
     stores : bool
         False for a number that a controller remembers: `storage` then only tells of what size it is.
+    like : float, optional
+        Storage of a state of the same size, where its own may vanish.
     """
 
     name: str
@@ -66,6 +69,12 @@ class State(NamedTuple):
     recovered: Number | None = None
     initial: Number = 0.0
     stores: bool = True
+    like: Number | None = None
+
+    @property
+    def size(self) -> Any:
+        """Value at which its storage, or that of a state like it, has an energy of 1/2 J."""
+        return np.abs(self.storage if self.like is None else self.like) ** -0.5
 
 
 class Product(NamedTuple):

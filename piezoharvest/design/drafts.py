@@ -13,12 +13,11 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port
 from piezoharvest.description.diode import straight_diode
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt, registered
 from piezoharvest.description.shunts.base import Leads
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.curves.curved import takes_diode_curve
-from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
@@ -43,7 +42,7 @@ _TUNED_UNITS = ("ohm", "H", "F")
 DIODE = ("diode_drop", "diode_resistance", "diode_leakage", "diode_saturation")
 COIL = ("switch_resistance", "core_resistance", "self_resonance")
 BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
-CURVES = ("diode_curve", "switch_curve")  # tables, of diodes and of a switch
+CURVES = ("diode_curve", "switch_curve", "loop_sections")  # tables, of diodes, of a switch and of its loop
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -341,13 +340,12 @@ class Drafting:
                 notes.append(f"{name} = {value:g} {unit_at(cls, name)}{origin}")
         return found
 
-    def _curves(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, VoltageCurve]:
-        """Curves of diodes and switch that the study's tables give, where a circuit of this class can have them."""
-        found: dict[str, VoltageCurve] = {}
+    def _curves(self, cls: type[Shunt], values: Mapping[str, Any], notes: list[str]) -> dict[str, Component]:
+        """Curves of diodes and loop that the study's tables give, where a circuit of this class can have them."""
+        found: dict[str, Component] = {}
         names = [CURVES[0]] if takes_diode_curve(cls) else []
-        names += [CURVES[1]] if CURVES[1] in cls.__dataclass_fields__ else []
-        if "core_resistance" in values or "self_resonance" in values:
-            names = [name for name in names if name != "switch_curve"]
+        if "core_resistance" not in values and "self_resonance" not in values:
+            names += [name for name in CURVES[1:] if name in cls.__dataclass_fields__]
         for name in names:
             shunt = next((shunt for shunt in self.templates if getattr(shunt, name, None) is not None), None)
             if shunt is not None:

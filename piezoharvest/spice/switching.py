@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.curves.loop_sections import Section
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.damping.ssds import SSDS
 from piezoharvest.description.shunts.real_coil import RealCoil, WoundCoil, WoundSwitch
@@ -180,15 +182,16 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
         "Rsnubber takes up the current that still flows when the switch opens; what it takes while the switch is "
         "closed is left out of Rloop."
     )
-    deck.add("Lloop p l", inductance, point.condition("current"))
+    curve, sections = (shunt.switch_curve, shunt.sections) if isinstance(shunt, WoundSwitch) else (None, ())
+    begin = write_sections(deck, sections, "p", point)
+    deck.add(f"Lloop {begin} l", inductance, point.condition("current"))
     ideal = impedance * max(IDEAL, 100 * impedance / float(resistance))
-    deck.add("Rsnubber p l", ideal)
+    deck.add(f"Rsnubber {begin} l", ideal)
     core = shunt.core_resistance
     if core is not None:
         deck.add("Rcore p l", core)
         deck.comment("A stray capacitance beside the core: without, its current may change at once, and steps vanish.")
         deck.add("Cstray p l", CORE_STRAY * capacitance, "IC=0")
-    curve = shunt.switch_curve if isinstance(shunt, WoundSwitch) else None
     deck.add(f"Rloop l {'c' if curve else 'k'}", resistance - 2 * impedance**2 / ideal)
     if curve:
         deck.comment("What the closed switch takes beside the resistance of the loop, over its current.")
@@ -202,6 +205,26 @@ def write_coil(deck: Deck, shunt: WoundCoil, point: OperatingPoint, end: str, on
         critical += 1 / core + math.exp(-np.euler_gamma) * CORE_STRAY * capacitance / time
     write_switch(deck, ("k", end), critical, ideal / impedance**2, OPEN / impedance)
     return impedance
+
+
+def write_sections(deck: Deck, sections: Sequence[Section], node: str, point: OperatingPoint) -> str:
+    """What lags behind the current of a coil, from a node on; return the node at its end.
+
+    In front of the coil, whose current does not jump: behind it ngspice finds no step when the switch closes.
+    """
+    if sections:
+        deck.comment("What in line with the coil lags behind its current.")
+    for section in sections:
+        name, begins = section.name, point.initial(section.name)
+        resistance, time_constant = float(section.resistance), float(section.time_constant)
+        nodes = f"{node} {name}"
+        deck.add(f"R{name} {nodes}", resistance)
+        if section.beside == "inductance":
+            deck.add(f"L{name} {nodes}", resistance * time_constant, f"IC={number(begins)}")
+        else:
+            deck.add(f"C{name} {nodes}", time_constant / resistance, f"IC={number(resistance * begins)}")
+        node = name
+    return node
 
 
 def odd_voltage(curve: VoltageCurve, current: str) -> str:

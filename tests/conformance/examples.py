@@ -9,6 +9,7 @@ from studies import BENCH, DRIVE
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.storage import Storage
 
 OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
@@ -75,6 +76,8 @@ GIVEN = {
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
 WOUND = {"switch_resistance": 30.0, "self_resonance": 4e4}
+# Of a coil that swings with sqrt(L C) = 2e-5 s and has 80 ohm.
+SECTIONS = LoopSections(resistances=(60.0, 90.0), time_constants=(1e-5, 2e-5), beside=("inductance", "capacitance"))
 LEAKING = {"diode_leakage": 1e-6, "diode_saturation": 1e-6, "dc_leakage": 1e-6}
 ESR = {
     "dc_voltage": None,
@@ -130,22 +133,24 @@ VARIANTS = {
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
         {"phase_lag": -0.2, "on_time_error": -0.2, "core_resistance": 3e3, **LEAKING},
         {"phase_lag": -0.2, "on_time_error": -0.2, **WOUND},
+        {"phase_lag": -0.2, "on_time_error": -0.2, "loop_sections": SECTIONS},
     ],
     "series_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
         {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0, "core_resistance": 3e3},
         {"on_time_error": 0.4, "diode_drop": 0.1, **WOUND},
+        {"on_time_error": 0.4, "diode_drop": 0.1, "loop_sections": SECTIONS},
     ],
     "sshc": [
         {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
         {"phase_lag": -0.2, "flip_capacitances": (30e-9,) * 4, "gate_energy": 1e-9, "control_power": 1e-8},
     ],
     "bias_flip": [
-        {"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1},
+        {"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1, "loop_sections": SECTIONS},
         {"steps": 2, "bias_capacitance": 1e-6, "core_resistance": 3e3, **WOUND},
     ],
     "sice": [
-        {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1},
+        {"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1, "loop_sections": SECTIONS},
         {"phase_lag": -0.2, "efficiency": 0.7, "core_resistance": 3e3},
         {"on_time_error": 0.4, "diode_drop": 0.1, **WOUND},
     ],
@@ -154,7 +159,7 @@ VARIANTS = {
         {"phase_lag": -0.2, "short_time": 3e-3, "on_time_error": 1.4, "core_resistance": 3e3, **WOUND},
     ],
     "dssh": [
-        {"phase_lag": 0.2, "on_time_error": -0.5},
+        {"phase_lag": 0.2, "on_time_error": -0.5, "loop_sections": SECTIONS},
         {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7, "core_resistance": 3e3},
         {"on_time_error": 0.3, **WOUND},
     ],
@@ -180,10 +185,11 @@ VARIANTS = {
         {**COIL, "on_time_error": -0.2, **WOUND},
     ],
     "ssdi": [
+        {"phase_lag": 0.2, "on_time_error": 0.4, "loop_sections": SECTIONS},
         {"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0, "core_resistance": 3e3},
         {"on_time_error": -0.3, **WOUND},
     ],
-    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}, {"core_resistance": 3e3}, WOUND],
+    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2, "loop_sections": SECTIONS}, {"core_resistance": 3e3}, WOUND],
     "current_blocking": [{"coil_quality": 20.0}],
     "series_rl": [
         {"winding_resistance": 0.1 * IMPEDANCE, "core_resistance": 20 * IMPEDANCE},

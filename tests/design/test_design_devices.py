@@ -8,6 +8,7 @@ import pytest
 from piezoharvest.description.excitation import SineBase, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, SeriesRL
+from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode
@@ -57,9 +58,10 @@ def test_coil_capacitor_and_control_of_one_template_are_those_of_all(host, run):
 def test_curves_of_one_template_are_those_of_all_that_can_have_them(host, run):
     diodes = VoltageCurve(currents=(0.0, 1e-6, 1e-4), voltages=(0.0, 0.1, 0.2))
     closed = VoltageCurve(currents=(0.0, 1e-5, 1e-2), voltages=(0.0, 0.3, 0.35))
+    lagging = LoopSections(resistances=(40.0,), time_constants=(1e-4,), beside=("inductance",))
     coil = ParallelSSHI(
         smoothing_capacitance=1e-5, load_resistance=2e5, quality=6.0, inductance=0.1, diode_curve=diodes,
-        switch_curve=closed,
+        switch_curve=closed, loop_sections=lagging,
     )  # fmt: skip
     kinds = ("rectifier", "parallel_sshi", "series_sshi", "self_powered_sshi")
     result = run(host(0.025, 50), 50.3, shunts=[coil], candidates=kinds, phase_lag="fixed")
@@ -67,9 +69,10 @@ def test_curves_of_one_template_are_those_of_all_that_can_have_them(host, run):
     assert [kind for kind, shunt in found.items() if shunt.diode_curve == diodes] == [
         kind for kind in found if kind != "self_powered_sshi"
     ]
-    assert {kind for kind, shunt in found.items() if getattr(shunt, "switch_curve", None) == closed} == {
-        "parallel_sshi", "series_sshi",
-    }  # fmt: skip
+    for name, given in (("switch_curve", closed), ("loop_sections", lagging)):
+        assert {kind for kind, shunt in found.items() if getattr(shunt, name, None) == given} == {
+            "parallel_sshi", "series_sshi",
+        }  # fmt: skip
     assert "rectifier: assumed diode_curve as in the study's parallel_sshi" in "\n".join(result.notes)
 
 

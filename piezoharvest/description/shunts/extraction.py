@@ -36,7 +36,7 @@ class Extraction(WoundCoil):
 
     def coil(self, capacitance: float) -> RealCoil:
         """The coil, with states of its own."""
-        return self.real_coil(capacitance)._replace(names=("coil", "coil_winding"))
+        return self.real_coil(capacitance)._replace(names=("coil", "coil_winding"), sections=())
 
     def extraction_states(self, capacitance: float) -> tuple[State, ...]:
         """States of the coil."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Number, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_kind, described, quantity
+from piezoharvest.description.shunts.curves.loop_sections import LoopSections, Section
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.switching import InductiveSwitch, SwitchedLoop
 
@@ -34,6 +35,8 @@ class RealCoil(NamedTuple):
         Resistance of the closed switch, ohm, through which the winding is charged.
     in_line : (float, float)
         Voltage (V) and resistance (ohm) in line with a coil without core and winding: a piece of a switch's curve.
+    sections : tuple of Section
+        Further parts in line with such a coil.
     """
 
     names: tuple[str, str]
@@ -43,6 +46,7 @@ class RealCoil(NamedTuple):
     stray: Any | None = None
     contact: Any = 0.0
     in_line: tuple[Any, Any] = (0.0, 0.0)
+    sections: tuple[Section, ...] = ()
 
     @property
     def ended(self) -> str | None:
@@ -52,7 +56,9 @@ class RealCoil(NamedTuple):
     def states(self, recovered: Number | None = None, odd: bool = True) -> tuple[State, ...]:
         """States of the coil; `recovered` is the share of their energy that the load gets when they are cut."""
         inductor = State(self.names[0], self.inductance, odd, recovered)
-        return (inductor,) if self.stray is None else (inductor, State(self.names[1], self.stray, odd, recovered))
+        if self.stray is not None:
+            return inductor, State(self.names[1], self.stray, odd, recovered)
+        return inductor, *(section.state(odd, self.inductance) for section in self.sections)
 
     def current(self, connected: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> Row:
         """Current into the coil under the voltage `drive`, A; `line` is a further resistance in series, ohm."""
@@ -70,7 +76,8 @@ class RealCoil(NamedTuple):
         """One equation for each state.
 
         L i' = u across the inductance, which is that across the core, R_c (j - i) with the current j of the winding;
-        C_w w' = current into the coil - j. Without core and winding, i stays as it is while nothing is connected.
+        C_w w' = current into the coil - j. Without core and winding, i stays as it is while nothing is connected, and
+        sections in line with it go on by themselves.
         """
         change = self.inductance * getattr(dz, self.names[0])
         into = self.current(connected, drive, port, z, line)
@@ -80,17 +87,21 @@ class RealCoil(NamedTuple):
             return [change - across, self.stray * getattr(dz, self.names[1]) - (into - wound)]
         if self.core is not None:
             return [change - self.core * (into - self._inductor(z))]
+        lagging = [(each, getattr(z, each.name)) for each in self.sections]
+        own = [each.equation(into, y, getattr(dz, each.name)) for each, y in lagging]
         if not connected:
-            return [getattr(dz, self.names[0])]
+            return [getattr(dz, self.names[0]), *own]
         drop, further = self.in_line
-        return [change + (self.resistance + further + line) * self._inductor(z) + drop * port.one - drive]
+        beyond = drop * port.one + sum(each.voltage(into, y) for each, y in lagging)
+        return [change + (self.resistance + further + line) * into + beyond - drive, *own]
 
     def losses(self, connected: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> list[Product]:
-        """Power in winding, core and switch, but not in the further resistance `line`."""
+        """Power in winding, core, switch and sections, but not in the further resistance `line`."""
         into = self.current(connected, drive, port, z, line)
         wound = into if self.stray is None else self._wound(z)
         drop, further = self.in_line
         lost = [Product(self.resistance + further, wound, wound)]
+        lost += [section.loss(into, getattr(z, section.name)) for section in self.sections]
         if np.any(drop):
             lost.append(Product(drop, port.one, wound))
         if self.stray is not None:
@@ -103,7 +114,9 @@ class RealCoil(NamedTuple):
         """Voltage across the coil while diodes in series block, V."""
         if self.stray is not None:
             return self._winding(z)
-        return 0.0 if self.core is None else -self.core * self._inductor(z)
+        if self.core is not None:
+            return -self.core * self._inductor(z)
+        return sum(each.voltage(0.0 * self._inductor(z), getattr(z, each.name)) for each in self.sections)
 
     def _inductor(self, z: SimpleNamespace) -> Row:
         return getattr(z, self.names[0])
@@ -175,11 +188,17 @@ class WoundCoil(SwitchedLoop):
             return 1.0
         return capacitance / (capacitance + self.stray_capacitance(capacitance))
 
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """Parts in line with the coil beside its resistance."""
+        return ()
+
     def real_coil(self, capacitance: float) -> RealCoil:
         """The coil of the loop with the clamped capacitance (F)."""
         inductance, resistance = self.loop(capacitance)
         if self.self_resonance is None:
-            return RealCoil(("current", ""), inductance, resistance, self.core_resistance, in_line=self.in_line)
+            names, core = ("current", ""), self.core_resistance
+            return RealCoil(names, inductance, resistance, core, in_line=self.in_line, sections=self.sections)
         # Its current is no "current": a switch that opens does not cut it.
         stray, contact = self.stray_capacitance(capacitance), self.switch_resistance
         own = resistance - contact
@@ -203,28 +222,39 @@ class WoundSwitch(InductiveSwitch, WoundCoil):
     """A switched real coil that inverts the electrode voltage.
 
     Whatever the direction of its current, the closed switch takes what a table `switch_curve` has at that current,
-    beside the resistance of the loop. It is timed as without this voltage.
+    beside the resistance of the loop, and `loop_sections` take what lags behind it. The switch is timed as without
+    these voltages.
 
     Raises
     ------
     ParameterError
-        A curve of the switch does not begin at 0 V, or is given together with a core or a self-resonance.
+        A curve of the switch does not begin at 0 V, or a curve or sections are given together with a core or a
+        self-resonance.
     """
 
     switch_curve: VoltageCurve | None = described(
         "voltage of the closed switch over its current, beside the resistance of the loop", default=None
     )
 
+    loop_sections: LoopSections | None = described(
+        "resistances in line with the coil, each beside an inductance or a capacitance", default=None
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.switch_curve is None:
-            return
-        check_kind("switch_curve", self.switch_curve, VoltageCurve)
-        if np.any(np.real(self.switch_curve.voltages[0])):
+        for name, kind in (("switch_curve", VoltageCurve), ("loop_sections", LoopSections)):
+            if getattr(self, name) is None:
+                continue
+            check_kind(name, getattr(self, name), kind)
+            for key in ("core_resistance", "self_resonance"):
+                if getattr(self, key) is not None:
+                    raise ParameterError(name, f"found together with {key}, give one of the two")
+        if self.switch_curve is not None and np.any(np.real(self.switch_curve.voltages[0])):
             raise ParameterError("switch_curve.voltages", f"found {self.switch_curve.voltages[0]} V at 0 A, must be 0")
-        for key in ("core_resistance", "self_resonance"):
-            if getattr(self, key) is not None:
-                raise ParameterError("switch_curve", f"found together with {key}, give one of the two")
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        return () if self.loop_sections is None else self.loop_sections.each
 
     def inversion(self, capacitance: float) -> Any:
         return super().inversion(capacitance) * self.charge_share(capacitance)

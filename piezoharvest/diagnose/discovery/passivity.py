@@ -74,7 +74,7 @@ def _connected(shunt: Shunt, effects: Sequence[Effect]) -> Shunt:
 def price_of_passivity(table: LawFit, constant: float, slope: float) -> float:
     """Rise of -2 ln L by the condition that a table beside a constant and a straight line gives no energy."""
     form, memory, port = table.form, table.law.memory, table.place.port
-    if not (port == DIRECT or table.place.in_circuit or (memory and port)) or not isinstance(form, TABLES):
+    if not (port == DIRECT or (memory and port)) or not isinstance(form, TABLES):
         return 0.0
     x = np.linspace(table.visited.min(), table.visited.max(), POINTS)
     pieces = np.column_stack([replace(form, kinks=tuple(unit)).values(x) for unit in np.eye(len(form.kinks))])

@@ -29,6 +29,7 @@ from piezoharvest.diagnose.discovery.law_fits import (
     without_law,
 )
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
+from piezoharvest.diagnose.discovery.memories.in_loops import from_more_times
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import every_place, over_campaign
@@ -229,7 +230,7 @@ def _lag_and_delay(problem: Problem, law: LawFit) -> list[LawFit]:
     """
     memory, form = law.law.memory, law.form
     if not isinstance(law.place, LoadCurrent) or not isinstance(form, Line):
-        return [law]
+        return from_more_times(problem, law)
     if isinstance(memory, Relaxation):
         other, factor = LateBy(delay=2.0 * memory.time_constant), 0.5 * form.factor
     elif isinstance(memory, LateBy):

@@ -167,7 +167,7 @@ class Physics:
         diagonal += [*[0.0] * len(lay.charged), *(w for _, w in lay.operators)]
         diagonal += [0.0] * (len(lay.terms.stops) + len(lay.terms.states))
         diagonal += [state.storage if state.stores else 0.0 for state in lay.shunt_states]
-        added = [np.abs(state.storage) ** -0.5 for state in lay.added_states]
+        added = [state.size for state in lay.added_states]
         own = stack([*scale, *[0.0] * len(lay.terms.stops), *added])
         # A stop that an effect adds has the scale of its input, or of the largest part of that.
         for into in lay.stop_inputs[len(lay.operators) :]:

@@ -28,8 +28,9 @@ def nothing(x, *others):
 class Laws:
     """What is added at each place; `capacitance` is the slope of a charge, `coupling` that of q_t.
 
-    `loop` is a voltage over the current of a switched loop, `diode` the current of a path over its voltage above the
-    drops: where it is given, a path is no constant drop.
+    `loop` is a voltage over the current of a switched loop, `line` (ohm; H or F) what stands in line with its coil: a
+    resistance beside an inductance, or what `of_line` names. `diode` is the current of a path over its voltage above
+    the drops: where it is given, a path is no constant drop.
     """
 
     spring: object = nothing
@@ -39,6 +40,8 @@ class Laws:
     capacitance: object = nothing
     coupling: object = nothing
     loop: object = nothing
+    line: tuple = ()
+    of_line: str = "inductance"
     diode: object = None
     reading: dict = field(default_factory=dict)  # of the true channels, by channel
 

@@ -68,29 +68,44 @@ class Circuit:
 
 
 def slopes(t, y, specimen, laws, drive, circuit):
-    """Rates of motion, voltage, dc side and coil: m x'' + b x' + k x = F + T v, C v' + T x' = -i."""
+    """Rates of motion, voltage, dc side, coil and what is in line: m x'' + b x' + k x = F + T v, C v' + T x' = -i.
+
+    The last state is the current of the inductance in line, or the voltage of the capacitance there.
+    """
     m, b, k, T, C = (specimen[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
-    x, u, v, dc, i = y
+    x, u, v, dc, i, w = y
+    lag, behind = in_line(laws, i, w)
     force = drive(t) - b * u - k * x - laws.spring(x) - laws.damper(u) + T * v
     flow, own, kind = -T * u - laws.electrodes(v), C + laws.capacitance(v), circuit.kind
     drain = dc / circuit.label["load_resistance"] if "load_resistance" in circuit.label else 0.0
     store = circuit.value("smoothing_capacitance") or 1.0
     if kind == "rectifier" and circuit.side and laws.diode is not None:
         through = laws.diode(circuit.side * v - dc - 2.0 * circuit.value("diode_drop"))
-        return [u, force / m, (flow - circuit.side * through) / own, (through - drain) / store, 0.0]
+        return [u, force / m, (flow - circuit.side * through) / own, (through - drain) / store, 0.0, 0.0]
     if kind == "rectifier" and circuit.side:
         rise = (circuit.side * flow - drain) / (own + store)
-        return [u, force / m, circuit.side * rise, rise, 0.0]
+        return [u, force / m, circuit.side * rise, rise, 0.0, 0.0]
     if kind == "resistor":
         flow -= v / circuit.label["resistance"]
     across, charging = 0.0, 0.0
     if kind == "ssdi" and circuit.closed:
-        across = v - circuit.resistance * i - laws.loop(i)
+        across = v - circuit.resistance * i - laws.loop(i) - behind
     if kind == "series_sshi" and circuit.side:
         across = v - circuit.resistance * i - circuit.side * (dc + 2.0 * circuit.value("diode_drop"))
         charging = circuit.side * i
     bend = across / circuit.label["inductance"] if across else 0.0
-    return [u, force / m, (flow - i) / own, (charging - drain) / store, bend]
+    return [u, force / m, (flow - i) / own, (charging - drain) / store, bend, lag]
+
+
+def in_line(laws, i, w):
+    """Rate of the state of what is in line with a coil, and the voltage across it; i is the coil's current."""
+    if not laws.line:
+        return 0.0, 0.0
+    resistance, beside = laws.line
+    if laws.of_line == "inductance":
+        across = resistance * (i - w)
+        return across / beside, across
+    return (i - w / resistance) / beside, w
 
 
 def events_of(circuit):
@@ -109,7 +124,7 @@ def events_of(circuit):
             return circuit.side * y[4] + (1e-12 if t < circuit.begun + 1e-9 else 0.0)
         if others[1].diode is not None:
             return -circuit.gap(y[2], y[3])
-        _, _, _, rise, _ = slopes(t, y, *others)
+        rise = slopes(t, y, *others)[3]
         return circuit.label["smoothing_capacitance"] * rise + y[3] / circuit.label["load_resistance"]
 
     for event in (extremum, bridge):
@@ -147,11 +162,11 @@ def opened(circuit, y):
     return y
 
 
-def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None):
+def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None, rate=RATE):
     """True channels of a record from rest behind a circuit of a kind."""
     circuit = Circuit(kind, LABELS[kind] if label is None else label, specimen["capacitance"])
-    times = np.arange(round(DURATION * RATE)) / RATE
-    found, t, y = [], 0.0, np.zeros(5)
+    times = np.arange(round(DURATION * rate)) / rate
+    found, t, y = [], 0.0, np.zeros(6)
     while True:
         end = min(times[-1], circuit.opens)
         left = times[(times >= t) & (times <= end if end == times[-1] else times < end)]
@@ -159,7 +174,7 @@ def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None):
         given = (specimen, laws, drive, circuit)
         run = solve_ivp(
             slopes, (t, end), y, "DOP853", at, args=given, events=events_of(circuit), rtol=1e-9, atol=1e-12,
-            max_step=1.0 / RATE,
+            max_step=1.0 / rate,
         )  # fmt: skip
         if len(run.y):
             found.append(run.y[:, : len(left)])
@@ -171,19 +186,19 @@ def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None):
         which = int(np.argmax([e[-1] if len(e) else -1.0 for e in run.t_events]))
         t, y = run.t_events[which][-1], run.y_events[which][-1].copy()
         y = (acted if which == 0 else bridged)(circuit, t, y)
-    x, _, v, dc, _ = np.concatenate(found, axis=1)
+    x, _, v, dc, *_ = np.concatenate(found, axis=1)
     return {"time_s": times, "force": drive(times), "displacement": x, "voltage": v, "dc_voltage": dc}
 
 
-def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES):
+def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES, rate=RATE, labels=LABELS):
     """Campaign of `drives`, each record behind one of `kinds`; nominal values are off."""
     rng, folder = np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = {name: value * (1.0 + off * rng.uniform(-1, 1)) for name, value in BEAM.items()}
     text = ["[transducer]", "quasi_static = false", *(f"{name} = {value!r}" for name, value in nominal.items())]
     for n, (drive, kind) in enumerate(zip(drives, kinds, strict=True)):
-        label = LABELS[kind].items()
-        true = switched(kind, laws, drive)
+        label = labels[kind].items()
+        true = switched(kind, laws, drive, label=labels[kind], rate=rate)
         read = {name: true[name] + laws.reading[name](true) if name in laws.reading else true[name] for name in true}
         noisy = [read[name] + NOISE.get(name, 0.0) * rng.standard_normal(len(read["time_s"])) for name in UNITS]
         header = ",".join(["time_s", *(f"{name}_{unit}" for name, unit in UNITS.items())])

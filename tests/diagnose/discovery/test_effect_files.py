@@ -58,6 +58,11 @@ LAWS = [
     Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
     Law(place=GainOverTime("displacement"), form=StepChange(factor=-0.3, at=0.6, width=0.01, finest=1e-4)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
+    Law(
+        place=SwitchLoop(reach=1e-2),
+        form=Line(factor=np.float64(-300.0)),
+        memory=Relaxation(time_constant=1e-4, behind=True),
+    ),
 ]
 
 

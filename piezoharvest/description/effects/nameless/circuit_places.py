@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Form, Knee, Line, TwoKnees, numbers_of
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects.nameless.forms import Form, Line, numbers_of
+from piezoharvest.description.effects.nameless.memory import DIRECT, Memory, Relaxation
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Curve
-from piezoharvest.description.parameters import quantity
-from piezoharvest.description.protocol import EquationBuilder
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import WoundSwitch
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
@@ -34,20 +38,30 @@ S = TypeVar("S", bound=Shunt)
 
 @dataclass(frozen=True)
 class CircuitPlace(Place):
-    """A part of the circuits: a law is a further voltage (V) across it, over the size of its current (A)."""
+    """A part of the circuits: a law is a further voltage (V) across it, over the size of its current (A).
+
+    The circuit accounts for its energy.
+    """
 
     unit: ClassVar[str] = "V"
     bent: ClassVar[bool] = False  # a straight line is a resistance, for which there is no parameter
+    port: ClassVar[str] = DIRECT
     in_circuit: ClassVar[bool] = True
 
     reach: float = quantity("A", "largest current, up to which a smooth law is a broken line", above=0)
 
+    def check(self, form: Form, memory: Memory | None) -> None:
+        if memory is not None:
+            raise ParameterError("memory", f"found {memory.kind} of the {self.name}, whose law has none")
+
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         """Add nothing to the specimen."""
 
-    def connect(self, shunt: Shunt, form: Form) -> Shunt:
-        """Return the circuit with the law in its parts."""
-        raise NotImplementedError
+    def stores(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
+        return ()
+
+    def losses(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
+        return ()
 
     def curve(self, form: Form, least: float) -> VoltageCurve:
         """Voltage over the current, with `least` (ohm) in series, below which the resistance of no piece is."""
@@ -68,7 +82,7 @@ class Diode(CircuitPlace):
     name: ClassVar[str] = "diode"
     input: ClassVar[str] = "diode_current"
 
-    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+    def connect(self, shunt: Shunt, form: Form, memory: Memory | None) -> Shunt:
         if not has_diodes(shunt):
             return shunt
         found = self.curve(form, LEAST_DROP / self.reach)
@@ -77,14 +91,32 @@ class Diode(CircuitPlace):
 
 @dataclass(frozen=True)
 class SwitchLoop(CircuitPlace):
-    """The loop that a switch closes with its coil: voltage beside its resistance, over the size of its current."""
+    """The loop that a switch closes with its coil: voltage beside its resistance, over the size of its current.
+
+    With a relaxation it is over the current itself: that of a resistance beside a capacitance, or where the memory is
+    how far the current is behind, beside an inductance.
+    """
 
     name: ClassVar[str] = "switch_loop"
     input: ClassVar[str] = "loop_current"
 
-    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+    def check(self, form: Form, memory: Memory | None) -> None:
+        if memory is None:
+            return
+        if not isinstance(memory, Relaxation):
+            super().check(form, memory)
+        if not isinstance(form, Line):
+            found = f"found {form.word} with a {memory.kind} of the {self.name}"
+            raise ParameterError("form", f"{found}, must be linear: what is in line there are parts of a circuit")
+
+    def connect(self, shunt: Shunt, form: Form, memory: Memory | None) -> Shunt:
         if not has_loop(shunt):
             return shunt
+        if isinstance(memory, Relaxation):
+            resistance = memory.sign_at(self.port) * form.proportional
+            beside = "inductance" if memory.behind else "capacitance"
+            more = LoopSections.stepped(resistance, memory.time_constant, beside)
+            return _with(shunt, loop_sections=more if shunt.loop_sections is None else shunt.loop_sections.plus(more))
         found = self.curve(form, 0.0)
         return _with(shunt, switch_curve=found if shunt.switch_curve is None else shunt.switch_curve.plus(found))
 
@@ -99,8 +131,8 @@ def has_loop(shunt: Shunt | None) -> TypeGuard[WoundSwitch]:
     return isinstance(shunt, WoundSwitch) and shunt.core_resistance is None and shunt.self_resonance is None
 
 
-def _with(shunt: S, **values: VoltageCurve) -> S:
-    """A circuit with curves, whose numbers may have complex steps and are not checked."""
+def _with(shunt: S, **values: VoltageCurve | LoopSections) -> S:
+    """A circuit with curves or sections, whose numbers may have complex steps and are not checked."""
     found = copy.copy(shunt)
     found.__dict__.update(values)
     return found
@@ -108,14 +140,8 @@ def _with(shunt: S, **values: VoltageCurve) -> S:
 
 def _corners(form: Form, reach: float) -> np.ndarray:
     """Currents between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
-    if isinstance(form, Corners):
-        corners: list[Any] = [0.0, *(knot for knot in form.knots if knot > 0.0)]
-    elif isinstance(form, Line):
-        corners = [0.0]
-    elif isinstance(form, Knee | TwoKnees | DeadZone):
-        corners = [0.0, getattr(form, {Knee: "knee", TwoKnees: "upper", DeadZone: "zone"}[type(form)])]
-    else:
-        corners = numbers_of(_where_it_bends(form, reach))
+    turns = form.turns
+    corners: list[Any] = numbers_of(_where_it_bends(form, reach)) if turns is None else [0.0, *turns]
     parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]
     batch = np.broadcast_shapes(*(part.shape for part in parts))
     return np.concatenate([np.broadcast_to(part, batch) for part in parts], axis=-1)

@@ -69,6 +69,11 @@ class Form(Component):
         return 0.0
 
     @property
+    def turns(self) -> tuple[Any, ...] | None:
+        """Inputs above zero at which it turns as a broken line; None of a curve, which bends all along."""
+        return None
+
+    @property
     def absent(self) -> bool:
         """True if the function is zero everywhere."""
         return not any(np.any(np.asarray(getattr(self, name))) for name in self.strengths)
@@ -96,6 +101,10 @@ class Corners(Form):
 
     knots: tuple[float, ...]
     kinks: tuple[float, ...] = quantity("", "change of slope at each knot, in units of what is added by the input's")
+
+    @property
+    def turns(self) -> tuple[Any, ...]:
+        return tuple(knot for knot in self.knots if knot > 0.0)
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
@@ -153,6 +162,10 @@ class Line(Form):
     def proportional(self) -> Any:
         return self.factor
 
+    @property
+    def turns(self) -> tuple[Any, ...]:
+        return ()
+
     def values(self, x: np.ndarray) -> Array:
         return self.factor * (np.asarray(x) - self.start)
 
@@ -173,6 +186,10 @@ class Knee(Form):
     factor: float = quantity("", "slope beyond the knee, in units of what is added by the input's", null=0.0)
     knee: float = quantity("", "input at which it begins, in its unit")
     sides: int = 2  # 2: odd; 1: above the knee; -1: below it
+
+    @property
+    def turns(self) -> tuple[Any, ...]:
+        return (self.knee,)
 
     @property
     def _corners(self) -> list[tuple[float, Any]]:
@@ -201,6 +218,10 @@ class TwoKnees(Form):
     upper: float = quantity("", "input at the upper knee, in its unit")
     lower: float = quantity("", "input at the lower knee, likewise")
 
+    @property
+    def turns(self) -> tuple[Any, ...]:
+        return (self.upper,)
+
     def values(self, x: np.ndarray) -> Array:
         x = np.asarray(x)
         above = np.where(x > np.real(self.upper), x - self.upper, 0.0)
@@ -219,6 +240,10 @@ class DeadZone(Form):
 
     factor: float = quantity("", "slope within the zone, in units of what is added by the input's", null=0.0)
     zone: float = quantity("", "half width of the zone, in the input's unit", above=0)
+
+    @property
+    def turns(self) -> tuple[Any, ...]:
+        return (self.zone,)
 
     @property
     def proportional(self) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
-from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Delay, Memory, Play
+from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, Memory, Play
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.parameters import ParameterError
@@ -49,6 +49,7 @@ class Law(Effect):
         if isinstance(self.memory, Play) and self.place.port == CHARGE and not isinstance(self.form, Line):
             found = f"found {self.form.word} with a play of the {self.place.name}"
             raise ParameterError("form", f"{found}, must be linear: only its charge is known then")
+        self.place.check(self.form, self.memory)
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -85,7 +86,7 @@ class Law(Effect):
     @property
     def passive_sign(self) -> int:
         """Sign of the factor of a memory at a port that takes energy and gives none; 0 where any is allowed."""
-        return self.memory.signs.get(self.place.port, 0) if self.memory is not None else 0
+        return self.memory.sign_at(self.place.port) if self.memory is not None else 0
 
     def act(self, specimen: EquationBuilder) -> None:
         if isinstance(self.memory, Delay) or not (self.of_specimen or specimen.reads):
@@ -100,7 +101,7 @@ class Law(Effect):
         self.place.add(specimen, form)
 
     def connect(self, shunt: Shunt) -> Shunt:
-        return shunt if self.absent else self.place.connect(shunt, self.form)
+        return shunt if self.absent else self.place.connect(shunt, self.form, self.memory)
 
     @property
     def changes_circuit(self) -> bool:
@@ -108,32 +109,10 @@ class Law(Effect):
         return self.place.in_circuit
 
     def stores(self, terms: EnergyRows) -> Sequence[Product]:
-        port, factor = self.place.port, self.form.proportional
-        if self.memory is None and port in (RATE, CHARGE) and np.any(factor):
-            x, _ = self.place.rows(terms)
-            return [Product(0.5 * factor, x, x)]
-        if self.memory is None:
-            return self.place.stores(terms, self.form)
-        if not port:
-            return ()
-        return self.memory.stores(port, factor, terms, self.place.rows(terms)[0])
+        return self.place.stores(terms, self.form, self.memory)
 
     def losses(self, terms: EnergyRows) -> Sequence[Product]:
-        port, factor = self.place.port, self.form.proportional
-        if self.memory is None and port == DIRECT and np.any(factor):
-            x, _ = self.place.rows(terms)
-            return [Product(factor, x, x)]
-        if self.memory is None:
-            return self.place.losses(terms, self.form)
-        if self.place.power_of:
-            made, factor = (
-                self.memory.made(terms, self.place.rows(terms)[0]),
-                self.place.simulated(self.form).proportional,
-            )
-            return [Product(factor, getattr(terms, self.place.power_of), made)]
-        if not port:
-            return ()
-        return self.memory.losses(port, factor, terms, self.place.rows(terms)[1])
+        return self.place.losses(terms, self.form, self.memory)
 
     def late(self, channel: str) -> float:
         mine = isinstance(self.place, Reading) and self.place.channel == channel

@@ -2,7 +2,7 @@
 
 Each says which sign its factor has at a port that takes energy and gives none, and accounts for that energy. A port is
 told by how power follows from a law f of its input: `RATE` f x' (a force over a displacement), `CHARGE` x f' (a charge
-over a voltage), `DIRECT` x f (a current over a voltage, a force over a velocity).
+over a voltage), `DIRECT` x f (a current over a voltage or the reverse, a force over a velocity).
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ class Memory(Component):
     kind: ClassVar[str]
     signs: ClassVar[Mapping[str, int]] = {}
     alone: ClassVar[bool] = False  # True: no function follows, as its strength is its own
+
+    def sign_at(self, port: str) -> int:
+        """Sign of a passive factor at a port; 0 where there is none, or where any is allowed."""
+        return self.signs.get(port, 0)
 
     def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
         """What the memory makes of the row of an input, which is named `of`."""
@@ -142,6 +146,10 @@ class Relaxation(Memory):
     def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """`lag` of what a sensor shows, `relaxation` of a port."""
         return "lag" if self.behind else "relaxation"
+
+    def sign_at(self, port: str) -> int:
+        """Where power is x f, that by which the lag is behind has the other sign: x (x - y) = (x - y)^2 + y t y'."""
+        return -1 if self.behind and port == DIRECT else super().sign_at(port)
 
     def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
         y, dy = specimen.state("lag", _storage(specimen, of))

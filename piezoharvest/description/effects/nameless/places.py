@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.nameless.forms import Form, Line
-from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Memory
 from piezoharvest.description.effects.nameless.numbers import Numbers
 from piezoharvest.description.effects.nameless.sizes import SIZES, RecordSizes
 from piezoharvest.description.parameters import Component, altered, check_choice
@@ -70,7 +70,6 @@ class Place(Component):
     needs_slope: ClassVar[bool] = False
     port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
     in_circuit: ClassVar[bool] = False  # a law acts by `connect`
-    power_of: ClassVar[str] = ""  # of no such port: row that, times what a law adds, is the power it takes
     of_sensor: ClassVar[bool] = False  # a law changes what a sensor shows, not the specimen
 
     def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
@@ -90,17 +89,32 @@ class Place(Component):
         """The function that a simulation takes for one."""
         return form
 
-    def connect(self, shunt: Shunt, form: Form) -> Shunt:
+    def check(self, form: Form, memory: Memory | None) -> None:
+        """Raise `ParameterError` unless a law here can be such a function, of what such a memory makes of the input."""
+
+    def connect(self, shunt: Shunt, form: Form, memory: Memory | None) -> Shunt:
         """Return the circuit that a law here makes of one."""
         return shunt
 
-    def stores(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+    def stores(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
         """Energy (J) that a law here stores, beside that of elements, of which the engine keeps an account."""
-        return ()
+        factor = form.proportional
+        if memory is not None:
+            return memory.stores(self.port, factor, terms, self.rows(terms)[0]) if self.port else ()
+        if self.port not in (RATE, CHARGE) or not np.any(factor):
+            return ()
+        x, _ = self.rows(terms)
+        return [Product(0.5 * factor, x, x)]
 
-    def losses(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+    def losses(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
         """Power (W) that it takes, likewise."""
-        return ()
+        factor = form.proportional
+        if memory is not None:
+            return memory.losses(self.port, factor, terms, self.rows(terms)[1]) if self.port else ()
+        if self.port != DIRECT or not np.any(factor):
+            return ()
+        x, _ = self.rows(terms)
+        return [Product(factor, x, x)]
 
 
 @dataclass(frozen=True)
@@ -180,7 +194,6 @@ class LoadCurrent(Place):
     input: ClassVar[str] = "current"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False
-    power_of: ClassVar[str] = "v"
 
     def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
         return terms.i, 0.0 * terms.i
@@ -193,6 +206,12 @@ class LoadCurrent(Place):
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.conduct(form.row(specimen, specimen.i))
+
+    def losses(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
+        """Power of what is added under the voltage; the input is another current, so that this is no port."""
+        if memory is None:
+            return ()
+        return [Product(self.simulated(form).proportional, terms.v, memory.made(terms, terms.i))]
 
 
 @dataclass(frozen=True)
@@ -344,7 +363,7 @@ class OverTime(Place):
             specimen.charge(device.coupling * changed(specimen.x))
             specimen.push(device.coupling * changed(specimen.v_t))
 
-    def stores(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+    def stores(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
         number, device = self._number(terms.size, form), terms.transducer
         if number is None:
             return ()
@@ -352,7 +371,7 @@ class OverTime(Place):
             return [Product(0.5 * device.stiffness * number, terms.x, terms.x)]
         return [Product(0.5 * device.capacitance * number, terms.v_t, terms.v_t)] * (self.parameter == "capacitance")
 
-    def losses(self, terms: EnergyRows, form: Form) -> Sequence[Product]:
+    def losses(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
         number = self._number(terms.size, form)
         if number is None or self.parameter != "damping":
             return ()

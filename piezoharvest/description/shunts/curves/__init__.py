@@ -1,1 +1,1 @@
-"""Parts whose voltage over their current is a broken line: the curve, and circuits with such parts."""
+"""Parts whose voltage is no multiple of their current: a broken line over it, or what lags, and circuits with both."""

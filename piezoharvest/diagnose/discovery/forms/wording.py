@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from piezoharvest.description.effects.nameless.circuit_places import SwitchLoop
 from piezoharvest.description.effects.nameless.forms import (
     DeadZone,
     Form,
@@ -87,6 +88,8 @@ def formula(law: Law) -> str:
     """The law as a formula with units."""
     form, place = law.form, law.place
     symbol = SYMBOLS.get(place.input, place.input)
+    if isinstance(place, SwitchLoop) and isinstance(law.memory, Relaxation):
+        return _part_in_loop(form.proportional, law.memory)
     s, unit, of = _remembered(law.memory, symbol, place), place.unit, place.input_unit
     if isinstance(law.memory, Delay):
         return f"{symbol}(t - {law.memory.delay:.4g} s) - {symbol}(t)"
@@ -108,6 +111,14 @@ def formula(law: Law) -> str:
         terms = zip((form.factor, form.second), form.exponents, strict=True)
         return " + ".join(f"{a / form.scale**n:.4g} {per(unit, of, n)} * {s}^{n}" for a, n in terms)
     return _of_scale(form, s, unit, of)
+
+
+def _part_in_loop(factor: float, memory: Relaxation) -> str:
+    """Voltage over the current i of a resistance with what is beside it, of which the lag tells."""
+    time = memory.time_constant
+    if memory.behind:
+        return f"{-factor:.5g} ohm * (i - lag(i; {time:.4g} s)), {-factor:.5g} ohm beside {-factor * time:.4g} H"
+    return f"{factor:.5g} ohm * lag(i; {time:.4g} s), {factor:.5g} ohm beside {time / factor:.4g} F"
 
 
 def _ahead(s: str, knee: float, of: str) -> str:

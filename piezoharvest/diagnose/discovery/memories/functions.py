@@ -92,6 +92,8 @@ def _kinds(place: Place) -> tuple[type[Memory], ...]:
     """Memories of which a place may have a function."""
     if isinstance(place, Reading):
         return (Play, Relaxation) if place.of == place.channel else ()
+    if place.in_circuit:
+        return ()
     return {RATE: (Play, Relaxation), CHARGE: (Relaxation,), DIRECT: (Relaxation,)}.get(place.port, ())
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.circuit_places import SwitchLoop, has_loop
 from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Memory, Play, Relaxation, Resonance
@@ -37,6 +38,9 @@ DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of th
 # and their damping ratio, with which neighbours overlap.
 BESIDE, BESIDE_DAMPING = (0.5, 0.7, 0.84, 1.0, 1.19, 1.41, 2.0), 0.1
 DELAYS, LATE_SAMPLES = 5, 16.0  # delays of a load that are tried; longest one, in samples, where there is no resonance
+# Of sqrt(L C) of a switched loop: least time constant of a relaxation that is tried there, as a faster one is a
+# resistance or an inductance; and how many are tried in each decade, within which fits find the best one.
+LEAST_SWING, IN_A_DECADE = 0.1, 2
 FASTEST = 0.3  # of the rate of samples: highest frequency of a resonance that is tried
 
 
@@ -50,7 +54,9 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
         kinds = [*(_of_sensor if place.of == place.channel else _of_crosstalk)(place, visited, scales)]
     elif isinstance(place, LoadCurrent):
         kinds = [*_of_load(scales, device)]
-    elif place.port:
+    elif isinstance(place, SwitchLoop):
+        kinds = [*_of_loop(scales, device)]
+    elif place.port and not place.in_circuit:
         kinds = [*_of_port(place, visited, scales, device)]
     if place.name.removeprefix("reading.") in ACTING:  # a late drive is late channels
         kinds = [each for each in kinds if not isinstance(each, Delay)]
@@ -83,6 +89,15 @@ def _of_load(scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
     if not device.quasi_static:
         radian = max(float(np.sqrt(device.mass / device.stiffness)), 2.0 * shortest)
     yield from (LateBy(delay=float(each)) for each in np.geomspace(shortest, radian, DELAYS))
+
+
+def _of_loop(scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
+    """Relaxations from a part of the time in which a coil swings on: what lags between two actions shows, too."""
+    coils = [shunt.loop(device.capacitance)[0] for shunt in scales.shunts if has_loop(shunt)]
+    shortest = LEAST_SWING * float(np.sqrt(min(map(np.real, coils)) * device.capacitance))
+    decades = np.log10(scales.times[-1] / shortest)
+    for time in np.geomspace(shortest, scales.times[-1], max(2, round(IN_A_DECADE * decades) + 1)):
+        yield from (Relaxation(time_constant=float(time), behind=behind) for behind in (True, False))
 
 
 def _of_port(place: Place, visited: Visited, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
