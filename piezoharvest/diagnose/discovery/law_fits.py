@@ -353,12 +353,14 @@ def without_effect(problem: Problem, found: Fit, n: int) -> Fit | None:
 def _with_static_part(model: Model, effect: Effect) -> Transducer:
     """The transducer, to whose own parameter what a lost memory did at low frequencies is added.
 
-    Of one that is faster than all records only that was left, so that a fit from there begins near its end.
+    Of one that is faster than all records only that was left, so that a fit from there begins near its end. Of other
+    functions of what a memory makes of its input no number says what that was.
     """
     device = model.transducer
     if not (isinstance(effect, Law) and isinstance(effect.memory, Relaxation | Resonance) and effect.place.name in OWN):
         return device
-    assert isinstance(effect.form, Line)
+    if not isinstance(effect.form, Line):
+        return device
     name = OWN[effect.place.name]
     value = getattr(device, name) + (0.0 if effect.memory.behind else effect.form.factor)
     fitted = (name,) in {p.path for p in model.parameters}
