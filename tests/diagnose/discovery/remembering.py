@@ -149,6 +149,11 @@ def ringing(t, x, frequency, damping):
 @single_threaded
 def searched(campaign):
     """What a search finds in the fitted records of a campaign."""
+    problem, before = fitted_without_law(campaign)
+    return search(problem, before, lambda text: None)
+
+
+def fitted_without_law(campaign):
+    """The fitted records of a campaign, and the fit of the model without a law."""
     before = identify(campaign, offsets=("displacement",))
-    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
-    return search(problem, before.found, lambda text: None)
+    return Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets), before.found

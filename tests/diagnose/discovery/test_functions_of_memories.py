@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, campaign_of
-from remembering import device_with, searched, spring_behind_play
+from remembering import device_with, fitted_without_law, searched, spring_behind_play
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
@@ -15,7 +15,9 @@ from piezoharvest.description.effects.nameless.memory import Play, Relaxation
 from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.diagnose.discovery.effect_file import save_effect
+from piezoharvest.diagnose.discovery.law_fits import without_effect
 from piezoharvest.diagnose.discovery.result import as_json, discovery
+from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 
@@ -96,9 +98,13 @@ RECORDS = [
 
 
 def test_a_saturating_maxwell_element_is_found_with_its_formula(tmp_path):
-    found = searched_in(tmp_path, TRUE["spring"][0], RECORDS)
+    read = lambda drive, load: device_with(TRUE["spring"][0], 1, drive, load, 0.5, 2000.0)  # noqa: E731
+    problem, before = fitted_without_law(campaign_of(tmp_path, "beam", read, RECORDS))
+    found = search(problem, before, lambda text: None)
     law = found.best.law
     assert (law.place.name, law.form.word) == ("spring", "tanh")
+    less = without_effect(problem, found.final, 0)  # of such a law no factor is a static part of the stiffness
+    assert less is None or less.cost > found.final.cost + 100.0
     assert law.form.factor == pytest.approx(-0.004, rel=0.02)
     assert law.form.scale == pytest.approx(5e-5, rel=0.02)
     assert law.memory.time_constant == pytest.approx(3e-3, rel=0.02)
