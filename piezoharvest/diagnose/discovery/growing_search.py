@@ -17,7 +17,6 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import as_table, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of, ended
-from piezoharvest.diagnose.discovery.memories.functions import leaves_much
 from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_all_free, with_its_noise
 from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -78,10 +77,8 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     if table is None:
         return None
     formulas = [each for each in grown if not isinstance(each.form, TABLES) and each.found.converged]
-    if table.law.memory is None and (
-        leaves_much(first) or not any(each.criterion < table.criterion for each in formulas)
-    ):
-        formulas += [each for each in ranked(problem, table) if each is not table]
+    if table.law.memory is None and not any(each.criterion < table.criterion for each in formulas):
+        formulas = [each for each in ranked(problem, table) if each is not table]
     forms = sorted((table, *formulas), key=lambda each: each.criterion)
     rivals = [grow(each, table.evidence + thresholds.CLOSE_COST) for each in found.rivals]
     best = with_its_noise(problem, forms[0])
