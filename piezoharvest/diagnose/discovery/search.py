@@ -201,10 +201,10 @@ def _likeliest(problem: Problem, start: Fit, fits: _Fits) -> tuple[LawFit, list[
     A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared,
     unless one of these is `condensed` to what leaves but noise.
     """
+    done, least = fits.done, min(each.evidence for each in fits.done)
     for table, forms in fits.condensed.items():
-        if not leaves_much(forms[0]):
+        if not leaves_much(forms[0]) and forms[0].criterion <= least:  # what is scored as high is fitted after it
             return table, forms
-    done = fits.done
     with_memory = _at_their_ends(problem, start, best_of([each for each in done if each.law.memory is not None]))
     found = [(forms[0], forms) for forms in (_lag_and_delay(problem, each) for each in with_memory)]
     for table in best_of([each for each in done if each.law.memory is None])[:1]:
