@@ -92,15 +92,6 @@ class Setting:
         """Steps in which the drive jumps, including the first one if the record begins abruptly."""
         return np.concatenate([np.zeros(int(self.abrupt), int), self.motion.jumps])
 
-    def coarser(self, misfit: float) -> Setting:
-        """The same with steps that are as fine as a model needs whose whitened residuals have this mean square.
-
-        An error of a parameter counts against what noise and model leave together, of lines it falls with the square of
-        the steps. There are no fewer than of cubics, which mostly are one or two.
-        """
-        straight = int(np.ceil(self.fine_straight / max(misfit, 1.0) ** 0.25))
-        return self if straight >= self.fine_straight else replace(self, fine_straight=max(straight, self.fine))
-
     @cached_property
     def parts(self) -> dict[int, int]:
         """Number of parts of divided steps: those with a jump and those soon after, in which operators slip fast."""
@@ -182,9 +173,25 @@ class DiscreteModel:
         return replace(self.matrices, **{name: magnified(name) for name in VARYING})
 
     def acts(self, derivatives: bool) -> np.ndarray:
-        """Elements whose outputs act on states, or with derivatives would by a parameter, (elements,) of bool."""
-        acting = np.any(self.matrices.W != 0.0, axis=0)
+        """Elements whose outputs act on states or inputs, or would by a parameter, (elements,) of bool."""
+        acting = np.any(self.matrices.W != 0.0, axis=0) | np.any(self._reaching(derivatives), axis=0)
         return acting | np.any(np.imag(self.tangents.W) != 0.0, axis=(0, 1)) if derivatives else acting
+
+    def reached(self, derivatives: bool) -> np.ndarray:
+        """Inputs that outputs of elements reach directly, or with derivatives would by a parameter, (inputs,) of bool.
+
+        Only those of which the other part's rate is known.
+        """
+        return np.any(self._reaching(derivatives), axis=1)
+
+    def _reaching(self, derivatives: bool) -> np.ndarray:
+        """Which outputs reach which inputs, (inputs, elements) of bool."""
+        matrices, m, n = self.matrices, len(self.matrices.rated), len(self.matrices.states)
+        outputs = slice(n, n + len(matrices.kinds))
+        reaching = matrices.O[:m, outputs] != 0.0
+        if derivatives:
+            reaching = reaching | np.any(np.imag(self.tangents.O[:, :m, outputs]) != 0.0, axis=0)
+        return reaching & matrices.rated[:, None]
 
     def steps_per_sample(self, derivatives: bool) -> int:
         """Steps within a sample that the elements' outputs need."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.description.effects.nameless.curves import CURVES
-from piezoharvest.predict.record_model import CURVE, HINGE, POSITIVE_POWER, POWER, PRODUCT
+from piezoharvest.predict.record_model import CURVE, HINGE, POSITIVE_POWER, POWER, PRODUCT, SQUARED_HINGE
 
 
 def outputs_of(
@@ -25,8 +25,9 @@ def outputs_of(
         elif kind == POSITIVE_POWER:
             above = np.real(value) > 0
             found[:, j] = np.where(above, np.where(above, value, 1.0) ** parameter, 0.0)
-        elif kind == HINGE:
-            found[:, j] = np.where(np.real(value - parameter) > 0, value - parameter, 0.0)
+        elif kind in (HINGE, SQUARED_HINGE):
+            above = np.where(np.real(value - parameter) > 0, value - parameter, 0.0)
+            found[:, j] = above if kind == HINGE else above**2
         elif kind >= CURVE:
             found[:, j] = tuple(CURVES.values())[kind - CURVE](value)
     return found

@@ -29,17 +29,22 @@ class Pace(NamedTuple):
 
     def at_start(self) -> tuple[StepMatrices, ElementSlopes]:
         """Step of no length at the first sample of a record, where the states are given and the stops are held."""
-        n, (M, H) = len(self.step.M), (self.step.M, self.step.H)
-        M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.zeros_like(self.step.feed)
-        feed[:, : self.direct.shape[1] - n] = self.direct[:, n:]
-        none = (Tangent(np.zeros((A.shape[1], 0)), np.zeros((0, 2), int), np.zeros(0)) for A in (M, H))
-        return self.step._replace(share=0.0, held=True, M=M, H=H, feed=feed), self.slopes._replace(
-            **dict(zip(("M", "H"), none, strict=True)), from_states=_sparse(M[:, : self.direct.shape[1]]),
-            from_elements=_sparse(H, n), to_inputs=_sparse(self.direct),
+        n, M, (m, size) = len(self.step.M), self.step.M, self.direct.shape
+        M, H, feed = np.eye(*M.shape), np.zeros_like(self.step.H), np.zeros_like(self.step.feed)
+        feed[:m, : size - n] = self.direct[:, n:]
+        # Nothing is added to the coefficients of an input, as there is no course.
+        inputs, to_inputs = self.step.inputs.copy(), np.zeros((len(feed), size))
+        inputs[m:], to_inputs[:m] = 0.0, self.direct
+        return self.step._replace(share=0.0, held=True, M=M, H=H, inputs=inputs, feed=feed), self.slopes._replace(
+            M=_no_tangent(M.shape[1]), H=_no_tangent(H.shape[1]), added=_no_tangent(size - n),
+            from_states=_sparse(M[:, :size]), from_elements=_sparse(H, n), to_inputs=_sparse(to_inputs),
+            before_added=_sparse(np.zeros((len(feed) - m, size - n)), n),
         )  # fmt: skip
 
 
-def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, inputs: int) -> Pace:
+def pace_of(
+    h: float, share: float, step: SampleStep, derivatives: SampleStep, inputs: int, reached: np.ndarray
+) -> Pace:
     """Arrange a step and its derivatives.
 
     Parameters
@@ -50,6 +55,8 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
         The last axis of the derivatives may be empty.
     inputs : int
         Inputs of the elements and their rates.
+    reached : (inputs / 2,) array of bool
+        Inputs that outputs of elements reach directly.
     """
     n = len(step.M)
     count = step.H.shape[1] // 3
@@ -59,10 +66,18 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
     free[:, n:size] = 0.0
     feed = direct[:, :n] @ H
     feed[:, :count] += direct[:, n:]
+    # An output is a cubic, of which w1 - w0 + p and r - p - 3 (w1 - w0) are added to the coefficients of s and s^2, and
+    # the opposite of their sum to that of s^3.
+    S = direct[np.flatnonzero(reached), n:]
+    before = np.vstack([-S, 3.0 * S])
+    free = np.vstack([free, np.pad(before, ((0, 0), (n, free.shape[1] - size)))])
+    feed = np.vstack([feed, np.hstack([S, S, 0.0 * S]), np.hstack([-3.0 * S, -S, S])])
+    to_inputs = np.hstack([np.pad(direct[:, :n], ((0, len(feed) - inputs), (0, 0))), feed])
     dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
     slopes = ElementSlopes(
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
-        _sparse(M[:, :size]), _sparse(H, n), _sparse(np.hstack([direct[:, :n], feed])), _sparse(outputs[:, :size]),
+        _sparse(M[:, :size]), _sparse(H, n), _sparse(to_inputs), _sparse(outputs[:, :size]),
+        _tangent(derivatives.O[np.flatnonzero(reached), n:size]), _sparse(before, n),
     )  # fmt: skip
     return Pace(StepMatrices(h, share, False, M, H, free, outputs, feed), slopes, direct)
 
@@ -70,6 +85,11 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
 def padded(slopes: np.ndarray) -> np.ndarray:
     """Derivatives (rows, parameters) padded with zeros to whole registers."""
     return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
+
+
+def _no_tangent(columns: int) -> Tangent:
+    """Tangent of a matrix that depends on no parameter."""
+    return Tangent(np.zeros((columns, 0)), np.zeros((0, 2), int), np.zeros(0))
 
 
 def _tangent(derivatives: np.ndarray) -> Tangent:

@@ -246,11 +246,11 @@ class Prediction:
         rows = [*range(inputs), *(inputs + self.matrices.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.nuisance_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
-        acts = self._lowered.acts(derivatives)
-        moving = Propagation(self.matrices, acts, z, padded(dz), w, padded(dw))
+        acting = self._lowered.acts(derivatives), self._lowered.reached(derivatives)
+        moving = Propagation(self.matrices, *acting, z, padded(dz), w, padded(dw))
         run = _Propagation(self, moving, derivatives, rows)
         # Values between the samples come from a separate run: their derivatives would take most of the time.
-        plain = Propagation(self.matrices, acts, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
+        plain = Propagation(self.matrices, *acting, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
         finer = _Propagation(self, plain, False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = run.through(begin, end)
@@ -330,7 +330,7 @@ class _Propagation:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
             h, share = setting.sample_time / parts, self._of.share / parts
-            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs)
+            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs, self._run.reached)
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:

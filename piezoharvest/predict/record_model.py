@@ -34,7 +34,7 @@ from piezoharvest.equations.laws import (
 COLUMNS = (
     96  # at first: a transducer of six modes with ten operators and five effects; doubled as long as more are needed
 )
-STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE, CURVE = range(6)  # and from CURVE on the codes of curves
+STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE, SQUARED_HINGE, CURVE = range(7)  # and from CURVE on the codes of curves
 INPUTS = ("drive", "drive_rate", "one", "time")
 # An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
 # sample.
@@ -72,7 +72,8 @@ class Matrices:
     places : (elements, 2) array
         Inputs of each element, as indices.
     rated, straight : (inputs,) array of bool
-        The input's rate is known; it is a straight line in time.
+        The rate of the part of the input that no element's output reaches directly is known; it is a straight line in
+        time.
     channels : tuple of str
         Outputs.
     states : tuple of str
@@ -216,12 +217,10 @@ class RecordModel:
 
     def hinges(self, row: Row, corners: Sequence[tuple[float, Any, Any]], order: int = 1) -> Row:
         """Sum of c max(s (x - k), 0)^order / order of a row x over corners (s, k, c)."""
-        total = 0.0 * row
+        total, kind = 0.0 * row, {1: HINGE, 2: SQUARED_HINGE}[order]
         for side, knot, kink in corners:
-            if order == 1:
-                total = total + kink * self._element(ScalarElement(HINGE, side * row, side * row, side * knot))
-            else:
-                total = total + kink / order * self.power(side * (row - knot * self.one), order, positive=True)
+            each = self._element(ScalarElement(kind, side * row, side * row, side * knot))
+            total = total + kink / order * each
         return total
 
     def curve(self, name: str, row: Row) -> Row:
@@ -433,9 +432,9 @@ def _stacked(rows: Sequence[Row]) -> np.ndarray:
 def _rates_of(seen: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rates of the elements' inputs, as rows like theirs; which of them are known, and which inputs are straight lines.
 
-    That of an input which an element's output reaches directly, or which depends on the rate of the drive, is not
-    known, nor that of one that depends on time, whose unit is the length of a record; of time alone it is a straight
-    line.
+    They are without what the outputs of elements contribute that reach an input directly, not by way of the states.
+    That of an input which depends on the rate of the drive is not known, nor that of one that depends on time, whose
+    unit is the length of a record; of time alone it is a straight line.
     """
     n, first = rates.shape[-2], seen.shape[-1] - len(INPUTS)
     drive, drive_rate, _, time = range(first, seen.shape[-1])
@@ -445,7 +444,7 @@ def _rates_of(seen: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarr
     def reached(*columns: int) -> np.ndarray:
         return np.any(seen[..., columns] != 0.0, axis=(*range(seen.ndim - 2), -1))
 
-    rated = ~reached(*range(n, first), drive_rate, time)
+    rated = ~reached(drive_rate, time)
     return np.where(rated[:, None], found, 0.0), rated, ~reached(*range(first), drive, drive_rate)
 
 

@@ -20,6 +20,8 @@ class Propagation:
     matrices : Matrices
     acts : (elements,) array of bool
         As in `Elements`.
+    reached : (distinct inputs,) array of bool
+        Inputs that outputs of elements reach directly.
     z : (states,) array
         Initial states.
     dz : (states, lanes) array
@@ -31,13 +33,16 @@ class Propagation:
     """
 
     def __init__(
-        self, matrices: Matrices, acts: np.ndarray, z: np.ndarray, dz: np.ndarray, w: np.ndarray, dw: np.ndarray
-    ) -> None:
-        self.inputs, self.lanes = len(matrices.O) - len(matrices.channels), dz.shape[1]
-        m, n, elements, lanes = self.inputs, len(z), len(w), self.lanes
+        self, matrices: Matrices, acts: np.ndarray, reached: np.ndarray, z: np.ndarray, dz: np.ndarray, w: np.ndarray,
+        dw: np.ndarray,
+    ) -> None:  # fmt: skip
+        self.inputs, self.lanes, self.reached = len(matrices.O) - len(matrices.channels), dz.shape[1], reached
+        n, elements, lanes = len(z), len(w), self.lanes
+        m = self.inputs + 2 * np.count_nonzero(reached)
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
         limits = np.real(matrices.parameters).astype(float)  # whole exponents, too: another type compiles all anew
-        self._elements = Elements(matrices.kinds, matrices.places, limits, acts, matrices.rated)
+        added = np.where(reached, self.inputs + np.cumsum(reached) - 1, -1)
+        self._elements = Elements(matrices.kinds, matrices.places, limits, acts, matrices.rated, added)
         self._state = PropagatedState(
             y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m),
             d=np.vstack([dz, dw, np.zeros((2 * elements, lanes))]),
@@ -48,9 +53,10 @@ class Propagation:
             base=np.zeros(m), old=np.zeros(m), before=np.zeros(elements),
             trial=np.zeros(m), residual=np.zeros((m, 1)), move=np.zeros(m),
             outputs=np.zeros(3 * elements), slopes=np.zeros((3, elements, SLOPES)), off=np.zeros(elements, bool),
+            rises=np.zeros((2, elements)),
             first=np.zeros(4), second=np.zeros(4), inside=np.zeros((3, SLOPES + 1)),
             by_base=np.zeros(VARIABLES), moments=np.zeros((2, VARIABLES + 1)), corners=np.zeros((3, VARIABLES + 1)),
-            J=np.zeros((m, m)), right=np.zeros((m, lanes)),
+            J=np.zeros((m, m + 1)), right=np.zeros((m, lanes)),
         )  # fmt: skip
 
     def go(

@@ -14,10 +14,10 @@ from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.electrical.dielectric_relaxation import DielectricRelaxation
-from piezoharvest.description.effects.nameless.forms import Line, Power, TwoKnees
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Line, Power, TwoKnees
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play
-from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, OverTime, Spring
+from piezoharvest.description.effects.nameless.places import Capacitor, Coupling, Damper, Electrodes, OverTime, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
 from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
@@ -287,6 +287,74 @@ def test_derivatives_with_elements_of_every_kind_in_one_model():
             wanted = (up[channel] - down[channel]) / (2 * step)
             size = max(np.abs(wanted).max(), 1e-8 * np.abs(up[channel]).max() / abs(step))
             assert np.mean(np.abs(slopes[:, c, k] - wanted) > 1e-3 * size) < 0.02, (parameter.path, channel)
+
+
+TABLE = (-0.9, -0.4, 0.2, 0.7)
+KINKS = np.array([0.4, -0.3, 0.5, -0.2])
+# Laws of which inputs are reached by what elements give: within the step their courses follow from each other.
+REACHED = {
+    "coupling": (Coupling(), Bends, 2e-4, 3e-4),  # displacement in m, charge in C over m
+    "capacitor": (Capacitor(), Bends, 6.0, 2e-8),
+    "capacitor with corners": (Capacitor(), Corners, 6.0, 2e-8),
+    "electrodes": (Electrodes(), Corners, 6.0, 3e-6),
+}
+
+
+def _beam_with_table(name):
+    place, kind, size, slope = REACHED[name]
+    kinks = KINKS * (slope / size if kind is Bends else slope)
+    law = Law(place=place, form=kind(knots=tuple(size * k for k in TABLE), kinks=tuple(kinks.tolist())))
+    hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}
+    return replace(build_transducer({**BEAM, "hysteresis": hysteresis}), effects=(law,))
+
+
+@pytest.mark.parametrize("name", REACHED)
+def test_one_step_follows_inputs_that_outputs_reach(name):
+    """As lines between samples they are off by (w h)^2/12, here a 130th of what the elements do."""
+    device, force = _beam_with_table(name), 0.02 * np.sin(2 * np.pi * 48.0 * np.arange(1000) / 1000.0)
+    one, sixteen = (predicted(device, "force", force, {"kind": "resistor", "resistance": 1e5}, fine=k)[0]
+                    for k in (1, 16))  # fmt: skip
+    for channel, most in (("displacement", 1e-5), ("voltage", 5e-5)):
+        assert np.std(one[channel] - sixteen[channel]) < most * np.std(sixteen[channel]), channel
+
+
+@pytest.mark.parametrize("name", REACHED)
+@pytest.mark.parametrize("null", [False, True])
+def test_derivatives_of_tables_whose_inputs_outputs_reach(name, null):
+    """Those with respect to a kink that is zero, too: then outputs reach the input by their derivatives alone."""
+    device, load = _beam_with_table(name), {"kind": "resistor", "resistance": 1e5}
+    if null:
+        (law,) = device.effects
+        device = replace(device, effects=(replace(law, form=replace(law.form, kinks=(0.0,) * len(TABLE))),))
+    force = 0.02 * np.sin(2 * np.pi * 48.0 * np.arange(300) / 1000.0)
+    parameters = [*parameters_of(device, {"force"}), *law_parameters(device.effects[0], 0)]
+    _, slopes = predicted(device, "force", force, load, parameters)
+    for k, parameter in enumerate(parameters):
+        inner = parameter.inner(value_at(device, parameter.path))
+        scale = abs(inner) if inner else REACHED[name][3] / (1.0 if "corners" in name else REACHED[name][2])
+        step = 1e-6 if parameter.scaling == "log" else 1e-4 * scale
+        sides = [put(device, parameter.path, float(parameter.outer(inner + sign * step))) for sign in (1, -1)]
+        up, down = (predicted(side, "force", force, load)[0] for side in sides)
+        for c, channel in enumerate(up):
+            wanted = (up[channel] - down[channel]) / (2 * step)
+            size = max(np.abs(wanted).max(), 1e-8 * np.abs(up[channel]).max() / abs(step))
+            assert np.mean(np.abs(slopes[:, c, k] - wanted) > 1e-3 * size) < 0.02, (parameter.path, channel)
+
+
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [("nonlinear_coupling", {"quadratic_coupling": 0.5}), ("voltage_dependent_capacitance", {"beta": 0.002})],
+)
+def test_electrical_laws_at_resonance_agree_with_the_bench(name, table):
+    hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}
+    sine, load = {"kind": "sine_force", "amplitude": 0.02, "frequency": 48.0}, {"kind": "resistor", "resistance": 1e5}
+    truth = waves({**BEAM, "hysteresis": hysteresis}, sine, load, np.arange(1001) / 2000.0, [(name, table)])
+    device = build_transducer({**BEAM, "hysteresis": hysteresis})
+    device = replace(device, effects=(build(registered()[name], table, name),))
+    found, _ = predicted(device, "force", truth.sensed("force"), load, step=5e-4)
+    for channel in ("displacement", "voltage"):
+        wanted = truth.sensed(channel)
+        assert np.abs(found[channel] - wanted).max() < 1e-5 * np.abs(wanted).max(), channel
 
 
 def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count, fine):

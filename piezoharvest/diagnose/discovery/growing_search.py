@@ -113,5 +113,5 @@ def _fit(
     """Fit with the noise and the whitening of that without a law."""
     return fit(
         problem, model, nuisance, start.noise, white=start.white, estimate_noise=False, enough=FIT_TOLERANCE,
-        most=most, aim=aim, left=mean_square(start),
+        most=most, aim=aim,
     )  # fmt: skip

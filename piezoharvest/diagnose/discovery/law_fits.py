@@ -22,7 +22,7 @@ from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model, inner_values
-from piezoharvest.identify.fitting.output_error import fit, inverse, linearised, mean_square
+from piezoharvest.identify.fitting.output_error import fit, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, numbered
 from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -270,7 +270,7 @@ def fitted(
     problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
 ) -> LawFit | None:
     """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
-    first, known, left = len(base.model.transducer.effects), base, mean_square(base)
+    first, known = len(base.model.transducer.effects), base
     model = extended(base.model, [law], law_parameters(law, first, deviation))
     nuisance, done = None, None
     for _ in range(SMOOTHING_ROUNDS):
@@ -278,7 +278,7 @@ def fitted(
             nuisance = nuisance or nuisance_for_model(problem, base.model, base.nuisance, model)
             found = fit(
                 problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
-                most=ITERATIONS, aim=aim, left=left,
+                most=ITERATIONS, aim=aim,
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
             return done
@@ -290,7 +290,7 @@ def fitted(
         better = smoothness(*done.normal).deviation
         if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:
             return done
-        deviation, left = better, mean_square(found)
+        deviation = better
         kept = tuple(replace(p, deviation=deviation) if k in done.tabled else p for k, p in enumerate(model.parameters))
         model, nuisance = replace(found.model, parameters=kept), found.nuisance
     return done

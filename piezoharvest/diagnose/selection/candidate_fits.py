@@ -430,7 +430,7 @@ class CandidateFits:
         """Fit with the noise and the whitening of another fit."""
         return fit(
             self.problem, model, nuisance, before.noise, white=before.white, estimate_noise=False,
-            left=mean_square(before), **options,
+            **options,
         )  # fmt: skip
 
     def remember(self, step: EffectChange | None) -> EffectChange | None:

@@ -43,7 +43,6 @@ def fit(
     enough: float = TOLERANCE,
     aim: float = np.inf,
     most: int = MAX_ITERATIONS,
-    left: float = 1.0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
@@ -69,9 +68,6 @@ def fit(
         Value of -2 ln L: a fit that will not reach it at its present rate is stopped.
     most : int
         Most iterations in a round.
-    left : float
-        Mean square of the whitened residuals at the start: as long as much is left, the records are followed in steps
-        that are no finer than that calls for.
     progress : callable
         Called with a message for every iteration.
     """
@@ -81,14 +77,10 @@ def fit(
     more = MORE_ROUNDS if estimate_noise and white is None and problem.has_events else 0
     while True:
         loose = n < rounds - 1
-        steps = problem.coarser(left)
         found = descend(
-            steps, model, nuisance, noise, progress, white=white, loose=loose, enough=enough, aim=aim, most=most
+            problem, model, nuisance, noise, progress, white=white, loose=loose, enough=enough, aim=aim, most=most
         )
-        model, nuisance, left = found.model, found.nuisance, min(left, mean_square(found))
-        if steps is not problem and problem.coarser(left) is not steps and found.cost < aim:
-            continue
-        n += 1
+        model, nuisance, n = found.model, found.nuisance, n + 1
         # Residuals far below the noise: it was overestimated.
         if not loose and not (n < rounds + more and mean_square(found) < MAX_SHARE):
             return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -57,26 +56,6 @@ class Problem:
     ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
         self.beliefs = dict(beliefs or {})
-        self._coarser: dict[tuple[int, ...], Problem] = {}
-
-    def coarser(self, misfit: float) -> Problem:
-        """The same records in steps that are enough where whitened residuals have this mean square.
-
-        Of two such problems with the same steps there is one.
-        """
-        if self.needs_engine:
-            return self
-        settings = [data.setting.coarser(misfit) if isinstance(data, Data) else None for data in self.data]
-        steps = tuple(each.fine_straight if each else 0 for each in settings)
-        if steps == tuple(data.setting.fine_straight if isinstance(data, Data) else 0 for data in self.data):
-            return self
-        if steps not in self._coarser:
-            data = [
-                replace(one, setting=setting) if isinstance(one, Data) and setting else one
-                for one, setting in zip(self.data, settings, strict=True)
-            ]
-            self._coarser[steps] = Problem(data, self.nominal, self.offset_channels, self.beliefs)
-        return self._coarser[steps]
 
     @cached_property
     def has_events(self) -> bool:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 # Variables of `StepMemory.slopes`: an element's previous output; value and rate of its first input, at both ends of the
-# step; of its second one; its limit.
-BEFORE, FIRST, FIRST_END, SECOND, SECOND_END, BY_LIMIT, SLOPES = 0, 1, 3, 5, 7, 9, 10
+# step, and what outputs of elements add to its coefficients; of its second one; its limit.
+BEFORE, FIRST, FIRST_END, FIRST_ADDED, SECOND, SECOND_END, SECOND_ADDED, BY_LIMIT, SLOPES = 0, 1, 3, 5, 7, 9, 11, 13, 14
 
 
 class StepDrive(NamedTuple):
@@ -50,7 +50,8 @@ class StepMatrices(NamedTuple):
         As in `SampleStep`.
     inputs, outputs : arrays
         Rows of O for the elements' inputs (and their rates), without the influence of the elements' outputs, and for
-        the outputs.
+        the outputs. Rows of what outputs over the step add to the coefficients of s and s^2 of those inputs that they
+        reach directly come behind the rates, for all s and then for all s^2.
     feed : (inputs, 3 elements) array
         Influence of `StepMemory.outputs` on the elements' inputs at the end of the step.
     """
@@ -117,6 +118,10 @@ class ElementSlopes(NamedTuple):
         H.
     to_inputs, to_outputs : Sparse
         O for states and outputs of the elements; for the inputs with `StepMatrices.feed`, of outputs over the step.
+    added : Tangent
+        Rows of O for inputs that outputs reach directly, and columns of these outputs.
+    before_added : Sparse
+        Influence of the outputs at the beginning of the step on what they add to the coefficients.
     """
 
     M: Tangent
@@ -128,6 +133,8 @@ class ElementSlopes(NamedTuple):
     from_elements: Sparse
     to_inputs: Sparse
     to_outputs: Sparse
+    added: Tangent
+    before_added: Sparse
 
 
 class Elements(NamedTuple):
@@ -140,9 +147,12 @@ class Elements(NamedTuple):
     limits : (elements,) array
         Thresholds of stops, exponents of powers, knots of hinges.
     acts : (elements,) array of bool
-        The output acts on states: its course within a step matters.
-    rated : (inputs / 2,) array of bool
+        The output acts on states or on inputs of elements: its course within a step matters.
+    rated : (distinct inputs,) array of bool
         As in `Matrices`.
+    added : (distinct inputs,) array
+        Row of what the outputs over a step add to the input's coefficient of s, as in `StepMatrices`; -1 if they do
+        not reach it directly.
     """
 
     kinds: np.ndarray
@@ -150,6 +160,7 @@ class Elements(NamedTuple):
     limits: np.ndarray
     acts: np.ndarray
     rated: np.ndarray
+    added: np.ndarray
 
 
 class PropagatedState(NamedTuple):
@@ -160,7 +171,7 @@ class PropagatedState(NamedTuple):
     y : (n + elements + 4,) array
         States, outputs of the elements, drive, its rate, 1 and time.
     inputs : (inputs,) array
-        Inputs of the elements, then their rates.
+        Inputs of the elements, then their rates, and what is added to coefficients of some.
     d, dinputs : (n + 3 elements, lanes), (inputs, lanes) array
         Derivatives of states and of `StepMemory.outputs`, and of the elements' inputs.
     local : (elements, 2) array
@@ -197,12 +208,14 @@ class StepMemory(NamedTuple):
         Derivatives of these.
     off : (elements,) array of bool
         Hinges below their knots throughout the step: outputs and slopes are zero.
+    rises : (2, elements) array
+        By what the outputs over the step are multiplied with for the coefficients of s, and s^2, beside the rates.
     first, second : (4,) array
         Coefficients of the inputs of an element in powers of s.
     inside, by_base, moments, corners : arrays
         For one element, as in `element_output` and `within_step`.
-    J : (inputs, inputs) array
-        Matrix of the equations to be solved.
+    J : (inputs, inputs + 1) array
+        Matrix of the equations to be solved, then the largest magnitude in each row.
     right : (inputs, lanes) array
         Their right-hand side.
     """
@@ -219,6 +232,7 @@ class StepMemory(NamedTuple):
     outputs: np.ndarray
     slopes: np.ndarray
     off: np.ndarray
+    rises: np.ndarray
     first: np.ndarray
     second: np.ndarray
     inside: np.ndarray

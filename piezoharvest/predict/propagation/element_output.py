@@ -1,7 +1,8 @@
 """Outputs of the elements within a step, with derivatives: cubics of time, by what happens to their inputs.
 
-An input is the cubic with the values and rates at both ends of the step. A smooth element's output is a cubic through
-its values at four points of it; that of a stop or a hinge with a corner in the step has the same mean and first moment.
+An input is the cubic with the values and rates at both ends of the step, of which that part is known to be a cubic that
+outputs reach directly. A smooth element's output is a cubic through its values at four points of it; that of a stop or
+a hinge with a corner in the step has the same mean and first moment.
 An output is w(s) = w0 (1 - s) + w1 s + p s (1 - s) + r s^2 (1 - s) over the share s of the step: `StepMemory.outputs`
 has w1, p and r of all elements.
 """
@@ -23,7 +24,7 @@ from piezoharvest.predict.propagation.within_step import (
 )
 
 # As in `record_model`, which depends on files that would count as sources of this.
-STOP, _PRODUCT, _POWER, _HINGE, _CURVE = 0, 1, 2, 4, 5
+STOP, _PRODUCT, _POWER, _HINGE, _SQUARED_HINGE, _CURVE = 0, 1, 2, 4, 5, 6
 # Points inside a step of the Gauss-Lobatto rule, which integrates polynomials of the fifth degree. From the excess over
 # the straight line there, a cubic's coefficients are r = _SPREAD (other - one) and p = 5 one - r _INSIDE.
 _INSIDE, _OUTER = 0.5 * (1.0 - 1.0 / math.sqrt(5.0)), 0.5 * (1.0 + 1.0 / math.sqrt(5.0))
@@ -31,14 +32,19 @@ _SPREAD = 5.0 * math.sqrt(5.0)
 
 
 @inlined
-def _cubic_of(old, trial, place, rated, h, c):
+def _cubic_of(old, trial, place, elements, h, c):
     """Coefficients of an input's cubic over a step; a straight line where its rate is not known."""
-    half = len(old) // 2
+    half, added = len(elements.rated), elements.added[place]
     a, b = old[place], trial[place]
     c[0], c[1], c[2], c[3] = a, b - a, 0.0, 0.0
-    if rated[place]:
+    if elements.rated[place]:
         da, db = h * old[half + place], h * trial[half + place]
         c[1], c[2], c[3] = da, 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
+    if added >= 0:
+        one, two = trial[added], trial[added + (len(trial) - 2 * half) // 2]
+        c[1] += one
+        c[2] += two
+        c[3] -= one + two
 
 
 @inlined
@@ -47,14 +53,15 @@ def _set_slopes(slopes, at, rated, h, g0, g1, g2, g3):
     if rated:
         slopes[at], slopes[at + 2] = g0 - 3.0 * g2 + 2.0 * g3, 3.0 * g2 - 2.0 * g3
         slopes[at + 1], slopes[at + 3] = h * (g1 - 2.0 * g2 + g3), h * (g3 - g2)
+        slopes[at + 4], slopes[at + 5] = g1 - g3, g2 - g3
     else:
         slopes[at], slopes[at + 2] = g0 - g1, g1
-        slopes[at + 1], slopes[at + 3] = 0.0, 0.0
+        slopes[at + 1], slopes[at + 3], slopes[at + 4], slopes[at + 5] = 0.0, 0.0, 0.0, 0.0
 
 
 @compiled
 def _smooth(kind, limit, x):
-    """Value of an element of one input without memory, its slope, and its derivative with respect to the exponent."""
+    """Value of an element of one input without memory, its slope, and its derivative with respect to its parameter."""
     if kind == _POWER:
         below = 1.0
         for _ in range(int(limit) - 1):  # a whole exponent: the general power takes as long as all else of a step
@@ -63,6 +70,9 @@ def _smooth(kind, limit, x):
     if kind >= _CURVE:
         value, slope, _ = curve_of(kind - _CURVE, x)
         return value, slope, 0.0
+    if kind == _SQUARED_HINGE:
+        above = max(x - limit, 0.0)
+        return above * above, 2.0 * above, -2.0 * above
     if x <= 0.0:
         return 0.0, 0.0, 0.0
     below = x ** (limit - 1.0)
@@ -86,10 +96,27 @@ def _set_smooth(j, kind, s, step, elements, memory, at):
     inside[at, BEFORE], inside[at, BY_LIMIT], inside[at, SLOPES] = 0.0, by_limit, value
 
 
+@inlined
+def _below(knot, c):
+    """A cubic does not pass a knot: it stays within the hull of its control points."""
+    return max(c[0], c[0] + c[1] / 3.0, c[0] + (2.0 * c[1] + c[2]) / 3.0, c[0] + risen(c[1], c[2], c[3], 1.0)) <= knot
+
+
+@inlined
+def _set_off(j, memory):
+    """Output of an element that is zero throughout the step."""
+    count = len(memory.before)
+    memory.outputs[j], memory.outputs[count + j], memory.outputs[2 * count + j] = 0.0, 0.0, 0.0
+    memory.off[j] = True
+
+
 @compiled
 def _smooth_output(j, kind, step, elements, memory):
     """Output of a smooth element: through its values at the ends and at two points inside the step."""
     slopes, outputs, inside, count = memory.slopes, memory.outputs, memory.inside, len(memory.before)
+    if kind == _SQUARED_HINGE and _below(elements.limits[j], memory.first):
+        _set_off(j, memory)
+        return
     _set_smooth(j, kind, 1.0, step, elements, memory, 0)
     outputs[j] = inside[0, SLOPES]
     for v in range(SLOPES):
@@ -162,13 +189,12 @@ def _stop_output(j, step, elements, memory):
 @compiled
 def _hinge_output(j, step, elements, memory):
     """Output of a hinge: what its input exceeds its knot by."""
-    c, knot, count = memory.first, elements.limits[j], len(memory.before)
+    c, knot = memory.first, elements.limits[j]
+    if _below(knot, c):
+        _set_off(j, memory)
+        return
     a, b = c[0] + c[1] / 3.0, c[0] + (2.0 * c[1] + c[2]) / 3.0
     end = c[0] + risen(c[1], c[2], c[3], 1.0)
-    if max(c[0], a, b, end) <= knot:
-        memory.outputs[j], memory.outputs[count + j], memory.outputs[2 * count + j] = 0.0, 0.0, 0.0
-        memory.off[j] = True
-        return
     if min(c[0], a, b, end) >= knot:
         _set_moved(j, end - knot, 1.0, -1.0, step, elements, memory)
         return
@@ -184,17 +210,17 @@ def set_output(j, step, elements, memory):
     memory.off[j] = False
     for q in range(3):
         slopes[q, j, BEFORE], slopes[q, j, BY_LIMIT] = 0.0, 0.0
-        for v in range(FIRST, FIRST + 4):
+        for v in range(FIRST, SECOND):
             slopes[q, j, v] = 0.0
     if step.held and kind == STOP:
         memory.outputs[j] = memory.before[j]
         slopes[0, j, BEFORE] = 1.0
         return
-    _cubic_of(memory.old, memory.trial, a, elements.rated, step.h, memory.first)
+    _cubic_of(memory.old, memory.trial, a, elements, step.h, memory.first)
     if kind == STOP:
         _stop_output(j, step, elements, memory)
     elif kind == _HINGE:
         _hinge_output(j, step, elements, memory)
     else:
-        _cubic_of(memory.old, memory.trial, b, elements.rated, step.h, memory.second)
+        _cubic_of(memory.old, memory.trial, b, elements, step.h, memory.second)
         _smooth_output(j, kind, step, elements, memory)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezoharvest.engine.compilation.compiled import compiled
-from piezoharvest.predict.propagation.arguments import FIRST_END, SECOND_END
+from piezoharvest.predict.propagation.arguments import FIRST_ADDED, FIRST_END, SECOND_ADDED, SECOND_END
 
 
 @compiled
@@ -91,7 +91,8 @@ def scatter(tangent, begin, end, first, out):
 def solve(K, slopes, elements, off, J, right):
     """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
     m, places = len(J), elements.places
-    half, count = m // 2, len(places)
+    half, count = len(elements.rated), len(places)
+    more = (m - 2 * half) // 2
     for r in range(m):
         for c in range(m):
             J[r, c] = 1.0 if r == c else 0.0
@@ -108,13 +109,28 @@ def solve(K, slopes, elements, off, J, right):
                 J[r, half + a] -= fed * by_rate
                 J[r, b] -= fed * by_second
                 J[r, half + b] -= fed * by_its_rate
+            at = elements.added[a]
+            if at >= 0:
+                for r in range(m):
+                    J[r, at] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED]
+                    J[r, at + more] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED + 1]
+            at = elements.added[b]
+            if at >= 0:
+                for r in range(m):
+                    J[r, at] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED]
+                    J[r, at + more] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED + 1]
+    for r in range(m):
+        J[r, m] = 0.0
+        for c in range(m):
+            J[r, m] = max(J[r, m], abs(J[r, c]))
     for c in range(m):
         pivot = c
         for r in range(c + 1, m):
-            if abs(J[r, c]) > abs(J[pivot, c]):
+            # Rows have units of their own. An input that nothing present reaches keeps its row, and its value exactly.
+            if abs(J[r, c]) * J[pivot, m] > abs(J[pivot, c]) * J[r, m]:
                 pivot = r
         if pivot != c:
-            for k in range(m):
+            for k in range(m + 1):
                 J[c, k], J[pivot, k] = J[pivot, k], J[c, k]
             for p in range(right.shape[1]):
                 right[c, p], right[pivot, p] = right[pivot, p], right[c, p]

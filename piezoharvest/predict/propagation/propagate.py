@@ -12,15 +12,17 @@ from functools import partial
 
 import numpy as np
 
-from piezoharvest.engine.compilation.compiled import entry, inlined
+from piezoharvest.engine.compilation.compiled import compiled, entry, inlined
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
 from piezoharvest.predict.propagation.arguments import (
     BEFORE,
     BY_LIMIT,
     FIRST,
+    FIRST_ADDED,
     FIRST_END,
     SECOND,
+    SECOND_ADDED,
     SECOND_END,
     Elements,
     ElementSlopes,
@@ -97,7 +99,9 @@ def _advance_state_derivatives(drive, step, slopes, state, memory, k):
 def _advance_element_derivatives(step, elements, slopes, state, memory):
     """Derivatives of the elements' inputs and outputs."""
     d, dinputs, right, places = state.d, state.dinputs, memory.right, elements.places
-    n, half, parameters, count = len(memory.z), len(dinputs) // 2, d.shape[1], len(places)
+    n, half, parameters, count = len(memory.z), len(elements.rated), d.shape[1], len(places)
+    clear(right)
+    _add_rises(slopes, d, memory, right[2 * half :])
     # First the part of the outputs that does not depend on the elements' present inputs; the values at the end last, as
     # the others depend on the previous ones.
     for j in range(count):
@@ -127,7 +131,6 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
                 for p in range(parameters):
                     d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
     weighted_sums(slopes.O, state.y)
-    clear(right)
     scatter(slopes.O, 0, slopes.input_entries, 0, right)
     add_product(slopes.to_inputs, d, right)
     solve(step.feed, memory.slopes, elements, memory.off, memory.J, right)
@@ -144,6 +147,34 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
             if three != 0.0 or four != 0.0:
                 for p in range(parameters):
                     d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
+            if elements.added[a] >= 0:
+                _add_added(elements.added[a], s[FIRST_ADDED], s[FIRST_ADDED + 1], half, dinputs, d[at])
+            if elements.added[b] >= 0:
+                _add_added(elements.added[b], s[SECOND_ADDED], s[SECOND_ADDED + 1], half, dinputs, d[at])
+
+
+@compiled
+def _add_rises(slopes, d, memory, right):
+    """Derivatives of what the elements' outputs add to inputs' coefficients, those of outputs at the end left out."""
+    more = len(right) // 2
+    if more == 0:
+        return
+    before, outputs, rises, count = memory.before, memory.outputs, memory.rises, len(memory.before)
+    for j in range(count):
+        p, r, risen = outputs[count + j], outputs[2 * count + j], outputs[j] - before[j]
+        rises[0, j], rises[1, j] = risen + p, r - p - 3.0 * risen
+    add_product(slopes.before_added, d, right)
+    for k in range(2):
+        weighted_sums(slopes.added, rises[k])
+        scatter(slopes.added, 0, len(slopes.added.sums), -k * more, right)
+
+
+@compiled
+def _add_added(added, one, two, half, dinputs, out):
+    """Add to an output's derivatives those by what outputs add to an input's coefficients."""
+    more = (len(dinputs) - 2 * half) // 2
+    for p in range(len(out)):
+        out[p] += one * dinputs[added, p] + two * dinputs[added + more, p]
 
 
 @inlined
@@ -156,10 +187,10 @@ def _advance_derivatives(drive, step, elements, slopes, state, memory, k):
 
 
 @inlined
-def _write_derivatives(slopes, state, out):
+def _write_derivatives(elements, slopes, state, out):
     """Write the derivatives of the outputs."""
     clear(out)
-    scatter(slopes.O, slopes.input_entries, len(slopes.O.sums), len(state.inputs), out)
+    scatter(slopes.O, slopes.input_entries, len(slopes.O.sums), 2 * len(elements.rated), out)
     add_product(slopes.to_outputs, state.d, out)
 
 
@@ -199,5 +230,5 @@ def propagate_block(
         if state.d.shape[1]:
             _advance_derivatives(drive, step, elements, slopes, state, memory, k)
             if written:
-                _write_derivatives(slopes, state, dY[sample])
+                _write_derivatives(elements, slopes, state, dY[sample])
     return -1
