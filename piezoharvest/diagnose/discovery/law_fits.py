@@ -370,7 +370,7 @@ def _with_static_part(model: Model, effect: Effect) -> Transducer:
 def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Inputs over the visited range, evenly, and the law there; with play, of by how much the input is ahead of it."""
     low, high, memory = some.visited.min(), some.visited.max(), some.law.memory
-    if isinstance(memory, Play):  # which the visited ones are of its start
+    if isinstance(memory, Play) and not memory.follows:  # which the visited ones are of its start
         low, high = -memory.threshold, memory.threshold
     if some.place.input == "campaign_time":  # between the records nothing is known
         x = np.quantile(some.visited, np.linspace(0.0, 1.0, count))

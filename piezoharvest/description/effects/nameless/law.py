@@ -49,6 +49,8 @@ class Law(Effect):
         if isinstance(self.memory, Play) and self.place.port == CHARGE and not isinstance(self.form, Line):
             found = f"found {self.form.word} with a play of the {self.place.name}"
             raise ParameterError("form", f"{found}, must be linear: only its charge is known then")
+        if isinstance(self.memory, Play) and self.memory.follows and not self.place.of_sensor:
+            raise ParameterError("memory.follows", f"found true at the {self.place.name}, allowed in a reading only")
         self.place.check(self.form, self.memory)
 
     @property

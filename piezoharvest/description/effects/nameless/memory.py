@@ -75,6 +75,9 @@ class Play(Memory):
     f stop(v; r), its voltage is w/C + g stop(w; (C + f) r), with g = 1/(C + f) - 1/C (inverse of a Prandtl-Ishlinskii
     operator: Kuhnen, Eur. J. Control 9(4), 407-418, 2003).
 
+    With `follows` it is the play operator: what follows the input with play, which a sensor may show. A force of that
+    would give energy.
+
     Source: Visintin, Differential Models of Hysteresis, 1994, chapter III.
     """
 
@@ -82,9 +85,11 @@ class Play(Memory):
     signs: ClassVar[Mapping[str, int]] = {RATE: 1, CHARGE: -1}
 
     threshold: float = quantity("", "half the play, in the input's unit", above=0)
+    follows: bool = False
 
     def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
-        return specimen.stop(x, self.threshold)
+        ahead = specimen.stop(x, self.threshold)
+        return x - ahead if self.follows else ahead
 
     def charge(self, specimen: EquationBuilder, factor: Any) -> Row:
         """Charge of a capacitor beside C v that is `factor` (F) times the stop of its voltage."""
@@ -112,7 +117,7 @@ class Play(Memory):
         found, at = np.empty(len(x)), x[0]
         for n, value in enumerate(x.tolist()):
             at = min(max(at, value - self.threshold), value + self.threshold)
-            found[n] = value - at
+            found[n] = at if self.follows else value - at
         return found
 
     def dissipated(self, port: str, z: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:

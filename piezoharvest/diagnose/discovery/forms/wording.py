@@ -157,7 +157,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
 def _remembered(memory: Memory | None, symbol: str, place: Place) -> str:
     """What the law is a function of."""
     if isinstance(memory, Play):
-        return f"stop({symbol}; {memory.threshold:.5g} {place.input_unit})"
+        return f"{'play' if memory.follows else 'stop'}({symbol}; {memory.threshold:.5g} {place.input_unit})"
     if isinstance(memory, Relaxation):
         lagging = f"lag({symbol}; {memory.time_constant:.4g} s)"
         return f"({lagging} - {symbol})" if memory.behind else lagging

@@ -11,22 +11,29 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Memory, Play, Relaxation
 from piezoharvest.description.effects.nameless.places import Damper, Place, Reading, Spring
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, best_of, fitted, score, without_law
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, ScoredLaw, best_of, fitted, score, without_law
 from piezoharvest.diagnose.discovery.memories.scores import plays
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.visited import inputs_of_records
+from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.output_error import mean_square
-from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.fitting.output_error import excess_of, linearised, mean_square
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.prediction import PredictionError
 
 PLACES = 2  # likeliest places of laws so far at which a memory is tried
+# Share of the excess over noise without a memory: no other memory explains much of what is left. A table leaves some of
+# what its formula explains.
+LEAST_LEFT = 0.1
+MOST_EXPLAINED = 0.5  # share of what the law so far explains, from which on a fit begins as that with a memory
 
 
 def leaves_much(law: LawFit) -> bool:
@@ -51,7 +58,7 @@ def functions_of_memories(
     found: list[LawFit] = []
     for here in _at_places(done)[: 1 if problem.needs_engine else PLACES]:
         bare = without_law(problem, here)
-        for each in _best_of_each_kind(_scored(problem, bare, here))[: 1 if problem.needs_engine else None]:
+        for each in _starts_of_fits(problem, bare, here):
             memory = each.law.memory
             assert memory is not None
             again = fitted(problem, bare, each.law, each.visited, each.smoothness.deviation)
@@ -59,19 +66,63 @@ def functions_of_memories(
                 continue
             change = again.found.cost - start.cost
             progress(f"tried a function of a {memory.kind} at {again.place.name}: -2 ln L {change:+.1f}")
-            if takes_energy(problem, again, -change):
-                found.append(again)
-            else:
+            if not takes_energy(problem, again, -change):
                 progress(f"there it would give energy, so that it is no law of the {again.place.name}")
+                continue
+            found.append(again)
+            if excess_of(again.found) < LEAST_LEFT * excess_of(here.found):
+                return found
     return found
 
 
-def _best_of_each_kind(scored: Sequence[ScoredLaw]) -> list[ScoredLaw]:
-    """The best start of each kind of memory, the highest score first."""
-    best: dict[type[Memory | None], ScoredLaw] = {}
-    for each in sorted(scored, key=lambda each: -each.gain):
-        best.setdefault(type(each.law.memory), each)
+def _starts_of_fits(problem: Problem, bare: Fit, here: LawFit) -> list[ScoredLaw]:
+    """Tables of a memory from which fits start, first those that begin as the law so far and explain most of its share.
+
+    A score from no law at all says little of a memory where the function explains most: the other parameters are then
+    far from where they make up for it.
+    """
+    scored = _scored(problem, bare, here)
+    by_score = _best_of_each_kind(scored, [-each.gain for each in scored])
+    if problem.needs_engine:
+        return by_score[:1]
+    begun = [replace(each, law=replace(each.law, form=_as_the_law(here, each))) for each in scored]
+    left = np.array([_left(problem, bare, each.law) for each in begun])
+    without = linearised(problem, bare.model, bare.nuisance, bare)[2]
+    most = without - MOST_EXPLAINED * (without - sum(float(part.squares.sum()) for part in here.found.sums))
+    close = np.flatnonzero(left < most)
+    return [*_best_of_each_kind([begun[k] for k in close], left[close].tolist()), *by_score]
+
+
+def _best_of_each_kind(starts: Sequence[ScoredLaw], losses: Sequence[float]) -> list[ScoredLaw]:
+    """The start of each kind of memory with the least loss, the least first."""
+    best: dict[tuple[type, bool], ScoredLaw] = {}
+    for k in np.argsort(losses, kind="stable"):
+        best.setdefault(_kind(starts[k].law.memory), starts[k])
     return list(best.values())
+
+
+def _kind(memory: Memory | None) -> tuple[type, bool]:
+    """What a table is a function of: what follows the input, or the difference of the two."""
+    return type(memory), memory.follows if isinstance(memory, Play) else not getattr(memory, "behind", False)
+
+
+def _as_the_law(here: LawFit, start: ScoredLaw) -> Form:
+    """The table of a start with kinks that make it the function so far, as nearly as its corners allow."""
+    table, x = start.law.form, start.visited
+    assert isinstance(table, TABLES)
+    units = np.eye(len(table.kinks))
+    basis = np.column_stack([np.real(replace(table, kinks=tuple(unit)).values(x)) for unit in units])
+    kinks = np.linalg.lstsq(basis, np.real(here.form.values(x)))[0]
+    return replace(table, kinks=tuple(map(float, kinks)))
+
+
+def _left(problem: Problem, bare: Fit, law: Law) -> float:
+    """Sum of squares of a model with a law as it is; infinite where it has no solution."""
+    model = extended(bare.model, [law], [])
+    try:
+        return linearised(problem, model, nuisance_for_model(problem, bare.model, bare.nuisance, model), bare)[2]
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _at_places(done: Sequence[LawFit]) -> list[LawFit]:
@@ -120,9 +171,12 @@ def _starts(problem: Problem, bare: Fit, here: LawFit, visited: np.ndarray) -> l
     place, kinds = _place(here), _kinds(_place(here))
     behind = isinstance(place, Reading) or place.port == RATE  # a force of how far: that of a Maxwell element
     starts: list[Memory] = list(plays(visited)) if Play in kinds else []
+    if isinstance(place, Reading):  # what follows with play may be shown
+        starts += [replace(each, follows=True) for each in plays(visited)]
     if Relaxation in kinds:
         times = campaign_scales(problem.data, bare).times
-        starts += [Relaxation(time_constant=each, behind=behind) for each in times]
+        sides = (True, False) if isinstance(place, Reading) else (behind,)
+        starts += [Relaxation(time_constant=each, behind=side) for each in times for side in sides]
     memory = here.law.memory
     if isinstance(memory, kinds) and not isinstance(here.place, Damper):
         starts.append(replace(memory, behind=behind) if isinstance(memory, Relaxation) else memory)
