@@ -61,8 +61,8 @@ class Groups:
         """Whole numbers of the items of every configuration, -1 where there are fewer; of a group one, or an array."""
         table = np.full((len(self.index), max(1, *map(len, items))), -1)
         for places, own in zip(self.places, items, strict=True):
-            for k, item in enumerate(own):
-                table[places, k] = read(item)
+            if own:  # of one number for all members, or one for each
+                table[places, : len(own)] = np.array([read(item) for item in own]).reshape(len(own), -1).T
         return table
 
     def each(self, values: Iterable[Any]) -> list[Any]:
