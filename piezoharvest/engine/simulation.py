@@ -362,9 +362,9 @@ def _response(
     drawn = slice(0, int(state.D[st.SAMPLED]))
     waveforms = Waveforms(
         state.sample_time[drawn] - begin,
-        *(state.samples[drawn, o].copy() for o in range(len(pg.OUTPUTS))),
+        *np.ascontiguousarray(state.samples[drawn].T),
         event_times=state.log_time[:count] - begin,
-        event_names=tuple(pg.EVENT_NAMES[c] for c in state.log_code[:count]),
+        event_names=tuple(map(pg.EVENT_NAMES.__getitem__, state.log_code[:count].tolist())),
     )
     return Response(
         shunt=shunt.kind,

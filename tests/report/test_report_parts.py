@@ -2,9 +2,13 @@
 
 import dataclasses
 import re
+import zlib
+from contextlib import suppress
+from io import BytesIO
 
 import numpy as np
 import pytest
+from fontTools.ttLib import TTFont
 from report_studies import STUDIES, designed, study_of
 from selection import with_slow
 
@@ -15,6 +19,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
 from piezoharvest.report import sweeps, units
+from piezoharvest.report.figures import style
 from piezoharvest.report.figures.curves import power_along_loads
 from piezoharvest.report.frame.cell_labels import with_labels
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
@@ -230,3 +235,25 @@ class TestCellLabels:
     def test_a_table_without_a_head_stays_as_it_is(self):
         plain = "<p>a</p><table><tr><td>1</td></tr></table>"
         assert with_labels(plain) == plain
+
+
+def test_fonts_of_a_pdf_file_have_its_letters_and_no_tables_that_join_them():
+    """The tables are for programs that set text, and half of the time that a file takes."""
+
+    @style.styled
+    def draw():
+        figure, axes = style.grid_of_axes(1, height=2.0)
+        axes.set_xlabel("power Ω·µF⁻¹")
+        return figure
+
+    figure, streams = draw(), (BytesIO(), BytesIO())
+    style.write_png(figure, streams[0])
+    style.write_pdf(figure, streams[1])
+    fonts = []
+    for raw in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", streams[1].getvalue(), re.S):
+        with suppress(zlib.error):
+            content = zlib.decompress(raw)
+            fonts += [TTFont(BytesIO(content))] if content[:4] == b"\0\1\0\0" else []
+    assert fonts
+    assert all("glyf" in font and not {"GSUB", "GPOS", "GDEF"} & set(font.keys()) for font in fonts)
+    assert {"p", "w", "Omega"} <= {glyph for font in fonts for glyph in font.getGlyphOrder()}

@@ -22,7 +22,12 @@ from piezoharvest import (
     simulate_many,
 )
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import each_of
+from piezoharvest.description.shunts.cold_start import ColdStart
+from piezoharvest.description.shunts.saturation import Saturated
 from piezoharvest.description.shunts.storage import Storage
+from piezoharvest.description.shunts.stored import Stored, with_supply
+from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.spice.simulators.comparison import compare
 from piezoharvest.study import load_study
 
@@ -146,6 +151,44 @@ def test_many_designs_are_those_of_one():
     found = simulate_many(system, DRIVE, 2, attenuation=False)
     assert found["converged"].all()
     np.testing.assert_allclose(found["harvested_power"], powers[:, 0], rtol=1e-3)
+
+
+FULL_SOON = dataclasses.replace(SUPPLY, max_voltage=5.0, phases=NODE, efficiency_curve=OVER_POWER, efficiency=1.0)
+BATCH = dataclasses.replace(SUPPLY, power=np.array([[1e-3], [2e-3]]), max_voltage=np.array([[5.0], [6.0]]))
+
+
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        Rectifier(smoothing_capacitance=STORE, storage=SUPPLY),
+        Rectifier(smoothing_capacitance=STORE, smoothing_resistance=10.0, diode_resistance=20.0, storage=FULL_SOON),
+        Rectifier(smoothing_capacitance=STORE, diode_saturation=1e-8, storage=FULL_SOON),
+        Rectifier(smoothing_capacitance=STORE, diode_resistance=20.0, storage=BATCH),
+        Rectifier(smoothing_capacitance=STORE, storage=Storage(turn_on=4.5, turn_off=4.4, max_voltage=4.6)),
+        ParallelSSHI(
+            smoothing_capacitance=STORE, inductance=0.1, quality=8.0, diode_drop=0.3, storage=FULL_SOON,
+            start_voltage=4.0, stop_voltage=2.5,
+        ),
+    ],
+)  # fmt: skip
+def test_supplies_that_are_alike_have_the_equations_of_each(shunt, monkeypatch):
+    """To the last bit, however many are asked for at once."""
+    system = System(DEVICE, shunt)
+    together = lower(system, DRIVE)
+    for cls in (Stored, ColdStart, Saturated):
+        monkeypatch.setattr(cls, "alike", cls.configurations)
+    apart = lower(system, DRIVE)
+    assert together.configurations == apart.configurations
+    for name, one, other in zip(apart.program._fields, together.program, apart.program, strict=True):
+        np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+def test_half_a_thousand_configurations_are_asked_for_by_a_few_names():
+    storage = dataclasses.replace(FULL_SOON, max_voltage=None)
+    whole = with_supply(Rectifier(smoothing_capacitance=STORE, storage=storage))
+    every = [each for name in whole.alike() for each in each_of(name)]
+    assert sorted(every) == sorted(whole.configurations())
+    assert len(every) > 10 * len(whole.alike())
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
 
 from piezoharvest.description.circuit import Assignment, Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.parameters import Component, ParameterError, described
 
 _MIRROR = str.maketrans("+-", "-+")
+TOGETHER = "|"  # between the parts of a word in a name for several configurations
 
 
 class Leads(NamedTuple):
@@ -116,6 +119,14 @@ class Shunt(Component):
     def configurations(self) -> tuple[str, ...]:
         """Names of the configurations, the initial one first; + and - mark pairs that mirror each other."""
         return ("linear",)
+
+    def alike(self) -> tuple[str, ...]:
+        """Names of the configurations, of which one may stand for several that differ in numbers only (`each_of`).
+
+        Equations, powers and guards of such a name have rows and coefficients with a leading axis for these numbers,
+        and its guards lead to names that stand for as many.
+        """
+        return self.configurations()
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         """Residuals that are zero in this configuration: one for the port and one for each state.
@@ -257,3 +268,24 @@ class ExtendedCircuit(Shunt):
 def own_configuration(configuration: str) -> str:
     """Configuration of the circuit itself, in the name of an extended one."""
     return configuration.split(" ", 1)[1]
+
+
+def each_of(configuration: str) -> list[str]:
+    """Names of the configurations that a name stands for: as many as one of its words has parts, as in "1|2 open+"."""
+    if TOGETHER not in configuration:
+        return [configuration]
+    words = configuration.split(" ")
+    place = next(k for k, word in enumerate(words) if TOGETHER in word)
+    before, after = words[:place], words[place + 1 :]
+    return [" ".join((*before, part, *after)) for part in words[place].split(TOGETHER)]
+
+
+def numbers_of(word: str, number: Callable[[str], Any]) -> Any:
+    """A number of a word; of one in parts those of all, along a leading axis before that of a batch of designs."""
+    numbers = [number(part) for part in word.split(TOGETHER)]
+    if len(numbers) == 1:
+        return numbers[0]
+    shapes = {np.shape(each) for each in numbers}
+    if len(shapes) > 1:
+        numbers = [np.broadcast_to(each, np.broadcast_shapes(*shapes)) for each in numbers]
+    return np.array(numbers).reshape(len(numbers), -1, 1)

@@ -70,8 +70,10 @@ class ColdStart(ExtendedCircuit):
     stop: Any
 
     def configurations(self) -> tuple[str, ...]:
-        every = self.circuit.configurations()
-        return (*(f"{COLD} {own}" for own in every if self._waits(own)), *(f"{WARM} {own}" for own in every))
+        return self._powered(self.circuit.configurations())
+
+    def alike(self) -> tuple[str, ...]:
+        return self._powered(self.circuit.alike())
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return self.circuit.equations(own_configuration(configuration), port, z, dz)
@@ -100,6 +102,10 @@ class ColdStart(ExtendedCircuit):
     def opened(self, configuration: str) -> str:
         power, own = configuration.split(" ", 1)
         return f"{power} {self.circuit.opened(own)}"
+
+    def _powered(self, every: tuple[str, ...]) -> tuple[str, ...]:
+        """Configurations of the circuit while its switch waits, and while it acts."""
+        return (*(f"{COLD} {own}" for own in every if self._waits(own)), *(f"{WARM} {own}" for own in every))
 
     def _waits(self, own: str) -> bool:
         """Whether the switch is open in a configuration of the circuit."""

@@ -38,6 +38,9 @@ class Saturated(ExtendedCircuit):
     def configurations(self) -> tuple[str, ...]:
         return tuple(f"{level} {own}" for level in (LOW, HIGH) for own in self.circuit.configurations())
 
+    def alike(self) -> tuple[str, ...]:
+        return tuple(f"{level} {own}" for level in (LOW, HIGH) for own in self.circuit.alike())
+
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         level, own = configuration.split(" ", 1)
         return _at(level, self.circuit).equations(own, port, z, dz)

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.shunts.base import ExtendedCircuit, Shunt
+from piezoharvest.description.shunts.base import TOGETHER, ExtendedCircuit, Shunt, numbers_of
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.storage import Storage
 
@@ -24,6 +25,37 @@ def with_supply(shunt: Shunt) -> Shunt:
     return Stored(circuit=shunt, storage=shunt.storage) if isinstance(shunt, Bridge) and shunt.storage else shunt
 
 
+class Supply(NamedTuple):
+    """What a supply that is on does on a piece of its load's line, in a phase; arrays of several that are alike.
+
+    Attributes
+    ----------
+    circuit : Bridge
+        The circuit with what the supply draws from it.
+    current, conductance : float or array
+        Of the piece, A and S.
+    share : float or array
+        Of what leaves the store, that reaches the load.
+    low, high : float or array
+        Voltages at the ends of the piece, V.
+    duration : float or array
+        Of the phase, s; without phases of no effect.
+    above, below, after : str
+        Supply on the next piece, on the one before, and in the next phase.
+    """
+
+    circuit: Bridge
+    current: Any
+    conductance: Any
+    share: Any
+    low: Any
+    high: Any
+    duration: Any
+    above: str
+    below: str
+    after: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stored(ExtendedCircuit):
     """A circuit in all its configurations while the supply is off, on, or the store full.
@@ -31,6 +63,8 @@ class Stored(ExtendedCircuit):
     A configuration is that of the supply with that of the circuit behind it, as in "3 open+": "off", the number of a
     piece of its load's line, or "full"; with phases of the load also the number of the phase, as in "3/1 open+". Then a
     state "timer" holds the time since the phase began, s.
+
+    All pieces but the first and the last are alike, in all phases that send and in all that do not.
     """
 
     circuit: Bridge
@@ -41,9 +75,24 @@ class Stored(ExtendedCircuit):
         """Number of pieces of the load's line."""
         return len(self.storage.knots[0]) - 1
 
+    @property
+    def _phases(self) -> range:
+        return range(max(1, len(self.storage.phases)))
+
     def configurations(self) -> tuple[str, ...]:
-        phases, levels = range(max(1, len(self.storage.phases))), (*map(str, range(self.pieces)), FULL)
-        supplies = (OFF, *(self._name(level, phase) for phase in phases for level in levels))
+        levels = (*map(str, range(self.pieces)), FULL)
+        supplies = (OFF, *(self._name(level, phase) for phase in self._phases for level in levels))
+        return tuple(f"{supply} {own}" for supply in supplies for own in self.circuit.configurations())
+
+    def alike(self) -> tuple[str, ...]:
+        pieces, sends = range(self.pieces), [phase.sends for phase in self.storage.phases] or [False]
+        levels = dict.fromkeys((tuple(pieces[:1]), tuple(pieces[1:-1]), tuple(pieces[-1:]), (FULL,)))
+        groups = [
+            [self._name(str(level), phase) for phase in self._phases if sends[phase] == sent for level in some]
+            for some in levels
+            for sent in (False, True)
+        ]
+        supplies = (OFF, *(TOGETHER.join(group) for group in groups if group))
         return tuple(f"{supply} {own}" for supply in supplies for own in self.circuit.configurations())
 
     def states(self, capacitance: float) -> tuple[State, ...]:
@@ -70,10 +119,10 @@ class Stored(ExtendedCircuit):
         powers = {name: list(products) for name, products in self._loaded(supply).powers(own, port, z).items()}
         if supply == OFF:
             return powers
-        piece, phase, voltage = self._piece(supply), _phase(supply), self._voltage(supply, own, port, z)
-        load, share = self.storage.load(piece, phase, voltage, port.one), self.storage.share(piece, phase)
-        powers["harvested"].append(Product(share, voltage, load))
-        powers["shunt_loss"].append(Product(1.0 - share, voltage, load))
+        on, voltage = self._supply(supply), self._voltage(supply, own, port, z)
+        load = on.current * port.one + on.conductance * voltage
+        powers["harvested"].append(Product(on.share, voltage, load))
+        powers["shunt_loss"].append(Product(1.0 - on.share, voltage, load))
         if _level(supply) == FULL:
             powers["shunt_loss"].append(Product(1.0, z.dc, self._charging(supply, own, port, z)))
         return powers
@@ -89,22 +138,18 @@ class Stored(ExtendedCircuit):
             reached = voltage - (1 - REACHED) * knots[first] * port.one
             return [*guards, Guard(reached, f"{self._name(str(first), 0)} {own}", event="supply turns on")]
         guards += self._end_of_phase(supply, own, port, z)
-        piece, phase = self._piece(supply), _phase(supply)
-
-        def to(level: str) -> str:
-            return f"{self._name(level, phase)} {own}"
-
+        on, piece = self._supply(supply), self._piece(supply)
         if _level(supply) == FULL:
-            return [*guards, Guard(-self._charging(supply, own, port, z), to(str(piece)), event="")]
+            return [*guards, Guard(-self._charging(supply, own, port, z), f"{on.below} {own}", event="")]
         if piece == self.pieces - 1:
-            guards.append(Guard(z.dc - knots[piece + 1] * port.one, to(FULL), event="store is full"))
+            guards.append(Guard(z.dc - on.high * port.one, f"{on.above} {own}", event="store is full"))
         else:
-            guards.append(Guard(voltage - knots[piece + 1] * port.one, to(str(piece + 1)), event=""))
-        falls = knots[piece] * port.one - voltage
+            guards.append(Guard(voltage - on.high * port.one, f"{on.above} {own}", event=""))
+        falls = on.low * port.one - voltage
         if piece == 0:
             timer = "timer" if self.storage.phases else None
-            return [*guards, Guard(falls, f"{OFF} {own}", timer, event="supply turns off")]
-        return [*guards, Guard(falls, to(str(piece - 1)), event="")]
+            return [*guards, Guard(falls, f"{on.below} {own}", timer, event="supply turns off")]
+        return [*guards, Guard(falls, f"{on.below} {own}", event="")]
 
     def closed(self, configuration: str, polarity: int) -> str:
         return _behind(configuration, lambda own: self.circuit.closed(own, polarity))
@@ -117,18 +162,18 @@ class Stored(ExtendedCircuit):
         return f"{level}/{phase}" if self.storage.phases else level
 
     def _piece(self, supply: str) -> int:
-        """Number of the piece of the line on which the load is."""
+        """Number of the piece of the line on which the load is, the first of those that are alike."""
         level = _level(supply)
         return self.pieces - 1 if level == FULL else int(level)
 
     def _end_of_phase(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> list[Guard]:
         """Guard: the time of the phase is over, and the next one begins."""
-        phases, phase = self.storage.phases, _phase(supply)
+        phases = self.storage.phases
         if not phases:
             return []
-        over = z.timer - phases[phase].duration * port.one
-        target = f"{self._name(_level(supply), (phase + 1) % len(phases))} {own}"
-        return [Guard(over, target, "timer", event="packet is sent" if phases[phase].sends else "")]
+        over = z.timer - self._supply(supply).duration * port.one
+        event = "packet is sent" if phases[_phase(supply)].sends else ""
+        return [Guard(over, f"{self._supply(supply).after} {own}", "timer", event=event)]
 
     def _balance(self, port: Port) -> int:
         """Place of the store's balance of currents among the equations: behind the port's, in the order of states."""
@@ -136,16 +181,47 @@ class Stored(ExtendedCircuit):
 
     def _loaded(self, supply: str) -> Bridge:
         """The circuit with what the supply draws from it."""
-        if supply == OFF:
-            return self.circuit
-        if supply not in self._circuits:
-            self._circuits[supply] = self.circuit.supplying(*self.storage.line(self._piece(supply), _phase(supply)))
-        return self._circuits[supply]
+        return self.circuit if supply == OFF else self._supply(supply).circuit
+
+    def _supply(self, supply: str) -> Supply:
+        """What a supply that is on does; each is asked for in every configuration of the circuit, several times."""
+        if supply not in self._supplies:
+            self._supplies[supply] = self._made(supply)
+        return self._supplies[supply]
 
     @cached_property
-    def _circuits(self) -> dict[str, Bridge]:
-        """Circuits that were asked for, by the name of what the supply does."""
+    def _supplies(self) -> dict[str, Supply]:
+        """Supplies that were asked for, by their names."""
         return {}
+
+    def _made(self, supply: str) -> Supply:
+        storage = self.storage
+        knots, phases = storage.knots[0], storage.phases
+
+        def numbers(number: Callable[[int, int], Any]) -> Any:
+            return numbers_of(supply, lambda one: number(self._piece(one), _phase(one)))
+
+        current = numbers(lambda piece, phase: storage.line(piece, phase)[0])
+        conductance = numbers(lambda piece, phase: storage.line(piece, phase)[1])
+        duration = numbers(lambda _, phase: phases[phase].duration) if phases else 0.0
+        low, high = numbers(lambda piece, _: knots[piece]), numbers(lambda piece, _: knots[piece + 1])
+        circuit, share = self.circuit.supplying(current, conductance), numbers(storage.share)
+        names = (_renamed(supply, change) for change in (self._above, self._below, self._after))
+        return Supply(circuit, current, conductance, share, low, high, duration, *names)
+
+    def _above(self, supply: str) -> str:
+        """Supply at the voltages above those of a piece."""
+        piece = self._piece(supply) + 1
+        return self._name(str(piece) if piece < self.pieces else FULL, _phase(supply))
+
+    def _below(self, supply: str) -> str:
+        """Supply at the voltages below those of a piece; below a full store is the last piece."""
+        piece = self._piece(supply) - (_level(supply) != FULL)
+        return OFF if piece < 0 else self._name(str(piece), _phase(supply))
+
+    def _after(self, supply: str) -> str:
+        """Supply in the next phase."""
+        return self._name(_level(supply), (_phase(supply) + 1) % len(self._phases))
 
     def _charging(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Current into the capacitor, or past a full one: what arrives, less what leaves its side."""
@@ -159,14 +235,24 @@ class Stored(ExtendedCircuit):
         return z.dc + self.circuit.dc_resistance * self._charging(supply, own, port, z)
 
 
+def _first(supply: str) -> str:
+    """A supply, the first of several that are alike."""
+    return supply.partition(TOGETHER)[0]
+
+
 def _level(supply: str) -> str:
     """Piece of the load's line, "full" or "off"."""
-    return supply.partition("/")[0]
+    return _first(supply).partition("/")[0]
 
 
 def _phase(supply: str) -> int:
     """Number of the phase of the load, 0 without phases."""
-    return int(supply.partition("/")[2] or 0)
+    return int(_first(supply).partition("/")[2] or 0)
+
+
+def _renamed(supply: str, name: Callable[[str], str]) -> str:
+    """A supply, or each of several that are alike, under other names."""
+    return TOGETHER.join(map(name, supply.split(TOGETHER)))
 
 
 def _behind(configuration: str, change: Callable[[str], str]) -> str:

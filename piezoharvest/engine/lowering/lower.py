@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -19,7 +20,8 @@ from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
 from piezoharvest.engine.lowering.equilibrium import equilibrium
-from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
+from piezoharvest.engine.lowering.groups import Groups
+from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, scalar, stack
 from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
@@ -76,9 +78,9 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.electrode.capacitance
     z, dz = physics.circuit_rows()
-    names = shunt.configurations()
+    groups, always = Groups(shunt), physics.products()
     tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[], assignments=[])
-    for name in names:
+    for name in groups.names:
         of_ports, own = circuit_equations(shunt, name, physics.ports, z, dz)
         tables.equations.append(rows_of([*physics.equations(of_ports), *own], layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
@@ -87,7 +89,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         dc = shunt.dc_side(physics.port, z)
         mean_dc = (len(pg.CATEGORIES) + len(layout.effects), Product(1.0, layout.one, dc))
         own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
-        tables.products.append([*physics.products(), *own_powers, mean_dc])
+        tables.products.append([*always, *own_powers, mean_dc])
         motion, port = physics.motion, physics.port
         outputs = (
             physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc,
@@ -99,7 +101,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     try:
         with np.errstate(all="ignore"):  # non-finite values are detected by the inversion or by the engine
             program = _without_unused_constant(
-                _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record)
+                _assemble(layout, physics, tables, groups, shunt, switch, signal, excitation, record)
             )
     except np.linalg.LinAlgError:
         message = "its values are so many decades apart that its equations cannot be solved"
@@ -107,7 +109,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     budget = Budget()
     budget.left += SAMPLE_WORK * int(excitation.samples)
-    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, budget)
+    return Lowered(program, tuple(layout.names), tuple(groups.index), categories, signal, terms.unfelt, budget)
 
 
 def settled(system: System, excitation: Excitation) -> System:
@@ -153,18 +155,6 @@ def _join(*parts: np.ndarray) -> np.ndarray:
     return np.concatenate([np.broadcast_to(p, batch + p.shape[-1:]) for p in parts], axis=-1)
 
 
-def _pad(blocks, axis: int) -> np.ndarray:
-    """Blocks of one configuration each, zero-padded to the same length and stacked along `axis` from the end."""
-    longest = max(1, *(b.shape[-2] for b in blocks))
-
-    def pad(block):
-        missing = np.zeros((*block.shape[:-2], longest - block.shape[-2], block.shape[-1]))
-        return np.concatenate([block, missing], axis=-2)
-
-    padded = [pad(block) for block in blocks]
-    return joined(padded, axis)
-
-
 class _Columns:
     """Scaling of the columns of rows, and their parts over the augmented state and over the derivative."""
 
@@ -178,22 +168,21 @@ class _Columns:
         return np.concatenate([rows[..., :n], rows[..., 2 * n :]], axis=-1), rows[..., n : 2 * n]
 
 
-def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record) -> pg.Program:
+def _assemble(layout, physics, tables, groups, shunt, switch, signal, excitation, record) -> pg.Program:
     storage, scale = physics.storage()
-    equations = joined(tables.equations, -3)
+    equations = groups.spread(tables.equations, 2)
     exo_scale = _exo_scale(layout, equations, scale, signal, physics)
     columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale[..., : layout.signal])
-    outputs = columns.split(joined(tables.outputs, -3), 2)
+    outputs = columns.split(groups.spread(tables.outputs, 2), 2)
     harmonic = isinstance(signal, Tones)
     omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
-    index = {name: c for c, name in enumerate(names)}
     fields: dict[str, Any] = {
         **_motion(layout, columns.split(equations, 2)),
         **_stops(layout, scale),
-        **_guards(layout, tables.guards, index, columns),
-        **_switching(shunt, switch, index, layout, physics.port.capacitance),
-        **_products(layout, tables.products, columns),
-        **_assignments(layout, tables.assignments, columns, scale),
+        **_guards(layout, tables.guards, groups, columns),
+        **_switching(shunt, switch, groups, layout, physics.port.capacitance),
+        **_products(layout, tables.products, groups, columns),
+        **_assignments(layout, groups.each(tables.assignments), columns, scale),
         "exosystem": _exosystem(layout, omega, exo_scale),
         "equilibrium": equilibrium(layout, physics, excitation, scale),
         "period": np.inf if excitation.period is None else scalar(excitation.period),
@@ -266,19 +255,18 @@ def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], columns: _Columns) -> dict[str, Any]:
+def _guards(layout: Layout, guards: list[list[Guard]], groups: Groups, columns: _Columns) -> dict[str, Any]:
     """Guards of all configurations as padded arrays, each row of about unit size."""
-    rows = _pad([rows_of([g.rises for g in own], layout.width) for own in guards], -3)
+    rows = groups.spread([rows_of([g.rises for g in own], layout.width) for own in guards], 2)
     guard_z, guard_d = columns.split(rows, 2)
     largest = sum(np.max(np.abs(np.real(part)), axis=-1, keepdims=True) for part in (guard_z, guard_d))
     largest = np.where(largest > 0, largest, 1.0)
-    count = rows.shape[-2]
     return {
         "guard_z": guard_z / largest,
         "guard_d": guard_d / largest,
-        "guard_target": _integers(guards, count, lambda g: index[g.target]),
-        "guard_cut": _integers(guards, count, lambda g: -1 if g.cut is None else layout.names.index(g.cut)),
-        "guard_code": _integers(guards, count, _code_of),
+        "guard_target": groups.integers(guards, lambda g: groups.targets(g.target)),
+        "guard_cut": groups.integers(guards, lambda g: -1 if g.cut is None else layout.names.index(g.cut)),
+        "guard_code": groups.integers(guards, _code_of),
     }
 
 
@@ -290,16 +278,20 @@ def _code_of(guard: Guard) -> int:
 
 
 def _switching(
-    shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout, capacitance: float
+    shunt: Shunt, switch: Switch | None, groups: Groups, layout: Layout, capacitance: float
 ) -> dict[str, Any]:
     """Tables of the synchronised switch: its timing, and the configuration it leads to from each."""
     timing = switch or Switch(0.0, 0.0, 0.0)
     recovered = {s.name: s.recovered for s in layout.shunt_states if s.recovered is not None}
+
+    def following(after: Callable[[str], str]) -> np.ndarray:
+        return groups.integers([[name] for name in groups.names], lambda name: groups.targets(after(name)))[:, 0]
+
     return {
         "switched": _kind_of(switch),
         "lag": scalar(timing.lag),
         "on_time": scalar(timing.on_time),
-        "stage": stack([shunt.stage(c, capacitance) for c in index]),
+        "stage": stack(groups.each(shunt.stage(name, capacitance) for name in groups.names)),
         "recovered": stack([recovered.get(name, 0.0) for name in layout.names]),
         "hold_off": scalar(timing.hold_off),
         "early": scalar(np.asarray(timing.early, float)),
@@ -307,10 +299,10 @@ def _switching(
         "drop": scalar(timing.drop),
         "threshold": scalar(timing.threshold),
         "gate_energy": scalar(timing.gate_energy),
-        "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
-        "opened": np.array([index[shunt.opened(c)] for c in index]),
+        "closed": np.array([following(lambda name, to=to: shunt.closed(name, to)) for to in (-1, 1)]),
+        "opened": following(shunt.opened),
         "cut": np.array([name in {"current", *recovered} for name in layout.names]),
-        "mirror": np.array([index[shunt.mirrored(c)] if shunt.mirrors else -1 for c in index]),
+        "mirror": following(shunt.mirrored) if shunt.mirrors else np.full(len(groups.index), -1),
         "shorted": shunt.shorts,
     }
 
@@ -340,19 +332,16 @@ def _assignments(layout: Layout, assignments, columns: _Columns, scale: np.ndarr
     }  # fmt: skip
 
 
-def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
+def _products(layout: Layout, products, groups: Groups, columns: _Columns) -> dict[str, Any]:
     """Products of all configurations as padded arrays."""
     blocks = [rows_of([row for _, p in own for row in (p.first, p.second)], layout.width) for own in products]
-    rows = _pad(blocks, -3)
+    rows = groups.spread(blocks, 2)
     rows = rows.reshape(*rows.shape[:-2], rows.shape[-2] // 2, 2, layout.width)
-    count = rows.shape[-3]
     product_z, product_d = columns.split(rows, 3)
-    coefficients = [stack([p.coefficient for _, p in own] + [0.0] * (count - len(own))) for own in products]
-    categories = np.full((len(products), count), -1)
-    for c, own in enumerate(products):
-        categories[c, : len(own)] = [category for category, _ in own]
+    coefficients = [stack([product.coefficient for _, product in own]) for own in products]
     return {
-        "product_coefficient": joined(coefficients, -2), "product_category": categories,
+        "product_coefficient": groups.spread(coefficients, 1),
+        "product_category": groups.integers(products, lambda each: each[0]),
         "product_z": product_z, "product_d": product_d,
     }  # fmt: skip
 
@@ -381,13 +370,6 @@ def _one_after_another(coefficients: list[np.ndarray]) -> np.ndarray:
     batch = np.broadcast_shapes(*(each.shape[:-2] for each in coefficients))
     each = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in coefficients]
     return np.concatenate([np.zeros((*batch, 0, 3)), *each], axis=-2)
-
-
-def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
-    table = np.full((len(guards), count), -1)
-    for c, own in enumerate(guards):
-        table[c, : len(own)] = [read(g) for g in own]
-    return table
 
 
 def _parity(layout: Layout) -> np.ndarray:
