@@ -23,7 +23,7 @@ def motion(amplitude, sweep, duration, change, at):
         return (value * (1.0 + share * change.get(name, 0.0)) for name, value in TRUE.items())
 
     def rates(t, y, share):
-        x, v, q = y
+        x, v, q = y.tolist()
         m, b, k, coupling, c = values(share)
         u = (q - coupling * x) / c
         return [v, (amplitude * shape(t) - b * v - k * x + coupling * u) / m, -u / LOAD]

@@ -16,7 +16,7 @@ def lagging(amplitude, sweep, time_constant, share=1.0, duration=DURATION):
     time, shape = np.arange(round(RATE * duration)) / RATE, linear_sweep(sweep[0], duration, sweep[1])
 
     def rates(t, y):
-        x, v, u, i = y
+        x, v, u, i = y.tolist()
         drawn = share * i + (1.0 - share) * u / LOAD
         acceleration = (amplitude * shape(t) - b * v - k * x + coupling * u) / m
         return [v, acceleration, (-coupling * v - drawn) / c, (u / LOAD - i) / time_constant]
@@ -37,7 +37,7 @@ def delayed(amplitude, sweep, delay, duration=DURATION):
     for n in range(int(np.ceil(time[-1] / delay))):
 
         def rates(t, y, late=before):
-            x, v, u = y
+            x, v, u = y.tolist()
             acceleration = (amplitude * shape(t) - b * v - k * x + coupling * u) / m
             return [v, acceleration, (-coupling * v - late(t - delay) / LOAD) / c]
 

@@ -23,7 +23,7 @@ def motion(amplitude, sweep, leakage=np.inf, spring=lambda x: 0.0):
         return amplitude * shape(t)
 
     def rates(t, y):
-        x, v, u = y
+        x, v, u = y.tolist()
         return [v, (force(t) - b * v - k * x - spring(x) + coupling * u) / m, (-coupling * v - u / ohm) / c]
 
     options = {"method": "DOP853", "rtol": 1e-9, "atol": [1e-12, 1e-10, 1e-8], "max_step": 1e-3}

@@ -176,7 +176,7 @@ def test_a_sine_sweep_through_a_resonance_with_a_noisy_load_cell_is_healthy(seed
         return 0.5 * np.sin(2 * np.pi * (85.0 * t + 6.25 * t**2))  # 85 to 110 Hz in 2 s
 
     def rates(t, y):
-        x, v, u = y
+        x, v, u = y.tolist()
         return [v, (force(t) - b * v - k * x + coupling * u) / m, (-coupling * v - u / ohm) / capacitance]
 
     x, _, u = solve_ivp(rates, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-14, max_step=5e-4).y

@@ -1,6 +1,7 @@
 """Piecewise laws in the engine: a step ends at every corner, so that they are exact."""
 
 import inspect
+import math
 
 import numpy as np
 import pytest
@@ -16,37 +17,55 @@ from piezoharvest.equations.pieces import broken_line
 
 BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
 LOAD, DRIVE, FREQUENCY = 1e5, 0.02, 50.0
-FORMS = [
-    Knee(factor=300.0, knee=0.0, sides=1),  # a breathing crack
-    Knee(factor=300.0, knee=1e-7, sides=-1),
-    Knee(factor=3000.0, knee=1e-5),
-    DeadZone(factor=-60.0, zone=1e-4),
-    TwoKnees(factor=3000.0, second=800.0, upper=2e-5, lower=-5e-5),
-    Corners(knots=(0.0, 5e-5, 1e-4, -5e-5), kinks=(100.0, -200.0, 500.0, 80.0)),
-    Bends(knots=(0.0, -0.0, 1e-4), kinks=(3e5, 1e5, -2e5)),
+# Each with its force in plain arithmetic, for an integration that asks for it at a hundred thousand single instants.
+TRUE = [
+    (Knee(factor=300.0, knee=0.0, sides=1), lambda x: 300.0 * max(x, 0.0)),  # a breathing crack
+    (Knee(factor=300.0, knee=1e-7, sides=-1), lambda x: -300.0 * max(1e-7 - x, 0.0)),
+    (Knee(factor=3000.0, knee=1e-5), lambda x: 3000.0 * (max(x - 1e-5, 0.0) - max(-x - 1e-5, 0.0))),
+    (DeadZone(factor=-60.0, zone=1e-4), lambda x: -60.0 * min(max(x, -1e-4), 1e-4)),
+    (
+        TwoKnees(factor=3000.0, second=800.0, upper=2e-5, lower=-5e-5),
+        lambda x: 3000.0 * max(x - 2e-5, 0.0) + 800.0 * min(x + 5e-5, 0.0),
+    ),
+    (
+        Corners(knots=(0.0, 5e-5, 1e-4, -5e-5), kinks=(100.0, -200.0, 500.0, 80.0)),
+        lambda x: (
+            100.0 * max(x, 0.0) - 200.0 * max(x - 5e-5, 0.0) + 500.0 * max(x - 1e-4, 0.0) + 80.0 * max(-5e-5 - x, 0.0)
+        ),
+    ),
+    (
+        Bends(knots=(0.0, -0.0, 1e-4), kinks=(3e5, 1e5, -2e5)),
+        lambda x: 1.5e5 * max(x, 0.0) ** 2 + 0.5e5 * max(-x, 0.0) ** 2 - 1e5 * max(x - 1e-4, 0.0) ** 2,
+    ),
 ]
+FORMS = [form for form, _ in TRUE]
 
 
-def moved(form, t):
+def moved(spring, t):
     """Displacement and voltage from rest, by DOP853 in steps far shorter than a corner is passed in."""
     m, b, k, T, C = BEAM.values()
 
     def slopes(t, y):
-        x, u, v = y
-        force = DRIVE * np.sin(2 * np.pi * FREQUENCY * t) - b * u - k * x + T * v
-        force -= float(np.real(form.values(np.array([x])))[0])
+        x, u, v = y.tolist()
+        force = DRIVE * math.sin(2 * math.pi * FREQUENCY * t) - b * u - k * x + T * v - spring(x)
         return [u, force / m, -(v / LOAD + T * u) / C]
 
     run = solve_ivp(slopes, (0.0, t[-1]), [0.0] * 3, "DOP853", t, rtol=1e-11, atol=1e-16, max_step=2e-5)
     return run.y[0], run.y[2]
 
 
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.word)
-def test_a_piecewise_spring_moves_as_an_independent_integration(form):
+@pytest.mark.parametrize(("form", "spring"), TRUE, ids=[form.word for form in FORMS])
+def test_values_of_a_piecewise_form_are_its_formula(form, spring):
+    x = np.linspace(-3e-4, 3e-4, 601)
+    assert np.real(form.values(x)) == pytest.approx(np.array([spring(float(each)) for each in x]), rel=1e-12, abs=1e-18)
+
+
+@pytest.mark.parametrize(("form", "spring"), TRUE, ids=[form.word for form in FORMS])
+def test_a_piecewise_spring_moves_as_an_independent_integration(form, spring):
     system = System(Transducer(**BEAM, effects=(Law(place=Spring(), form=form),)), Resistor(resistance=LOAD))
     run = simulate(system, SineForce(amplitude=DRIVE, frequency=FREQUENCY), transient=0.1, samples=200)
     waves = run.waveforms
-    x, v = moved(form, waves.time)
+    x, v = moved(spring, waves.time)
     for found, true in ((waves.displacement, x), (waves.voltage, v)):
         assert np.abs(found - true).max() < 1e-7 * np.ptp(true)
 

@@ -20,7 +20,7 @@ def closings(count):
     on_time = (1 + ON_TIME_ERROR) * np.pi / np.sqrt(1 / (INDUCTANCE * CAPACITANCE) - rate**2)
 
     def motion(t, y, closed, source):
-        x, v, voltage, current = y
+        x, v, voltage, current = y.tolist()
         slope = COUPLING + 2 * QUADRATIC * x
         force = FORCE * np.sin(2 * np.pi * FREQUENCY * t) + slope * voltage
         into = current if closed else 0.0

@@ -58,7 +58,7 @@ class Bench:
         self.stops, self.q = self.stops_at(end), end
 
     def rates(self, t, z):
-        x, u, q = z
+        x, u, q = z.tolist()
         force = DRIVE.amplitude * np.sin(2 * np.pi * DRIVE.frequency * t)
         push = BENCH["coupling"] * self.inner_voltage(x, q)
         rate = (force + push - BENCH["damping"] * u - BENCH["stiffness"] * x) / BENCH["mass"]

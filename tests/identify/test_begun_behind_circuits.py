@@ -39,7 +39,7 @@ def by_hand():
 
     def rates(side):
         def rate(time, z):
-            x, u, q, y = z
+            x, u, q, y = z.tolist()
             v = (q - T * x) / C if side == 0 else side * HELD
             force = np.interp(time, TIME, DRIVE)
             charge = 0.0 if side == 0 else T * u

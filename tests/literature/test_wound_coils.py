@@ -115,7 +115,7 @@ def from_rest(length, closed, line=0.0, opposing=None, core=None, winding=True):
 
     def rates(sign):
         def found(t, z):
-            x, u, v, i, w = z
+            x, u, v, i, w = z.tolist()
             into = current(z, sign) if sign is not None else 0.0
             force = DRIVE.amplitude * math.sin(2 * math.pi * DRIVE.frequency * t)
             push = force + BENCH["coupling"] * v - BENCH["damping"] * u - BENCH["stiffness"] * x

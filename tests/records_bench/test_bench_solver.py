@@ -118,7 +118,7 @@ def test_active_capacitances_against_their_equations(kind):
     part, load, limit = shunt["capacitance"], shunt["resistance"], shunt.get("saturation", np.inf)
 
     def rates(t, y, held=0):
-        x, u, v, w = y
+        x, u, v, w = y.tolist()
         push = DRIVE["amplitude"] * np.sin(2 * np.pi * DRIVE["frequency"] * t)
         moves = 0.0
         if kind == "beside":
@@ -306,7 +306,7 @@ def test_random_and_recorded_drive_against_exponentials(tmp_path, kind):
 
 def nonlinear(t, y, force, p):
     """Equations of the cantilever with every smooth effect, written for this test alone."""
-    x, u, q, polarisation, crept = y
+    x, u, q, polarisation, crept = y.tolist()
     now = p["T"] * (1 + p["drift"] * t)
     charge = q - now * x - p["T2"] * x * x - polarisation
     roots = np.roots([p["beta"] * p["C"], 0.0, p["C"], -charge])

@@ -3,12 +3,16 @@
 import dataclasses
 import re
 import tempfile
+from contextlib import contextmanager
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
 from piezoharvest.design import design
 from piezoharvest.report import write_report
+from piezoharvest.report.figures import style
 from piezoharvest.study import study_from
 
 BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}
@@ -71,7 +75,17 @@ def untrusted_report():
     )  # fmt: skip
     notes = (f"{first.shunt.kind}: not to be trusted: {message}",)
     result = dataclasses.replace(result, candidates=candidates, notes=notes)
-    return write_report(study, result, Path(_KEPT.name) / "untrusted")
+    with figures_on_the_page_only():
+        return write_report(study, result, Path(_KEPT.name) / "untrusted")
+
+
+@contextmanager
+def figures_on_the_page_only():
+    """Draw figures into the page, not into the files beside it, which take most of the time of a report."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("write_png", "write_pdf"):
+            patch.setattr(style, name, lambda figure, stream: None)
+        yield
 
 
 def _failed(response, message, **changes):

@@ -24,7 +24,7 @@ def found():
             return amplitude * SWEEP(t)
 
         def rates(t, y, force=force):
-            x, v, u = y
+            x, v, u = y.tolist()
             return [v, (force(t) - b * v - k * x - CUBIC * x**3 + coupling * u) / m, (-coupling * v - u / LOAD) / c]
 
         options = {"method": "DOP853", "rtol": 1e-8, "atol": [1e-11, 1e-9, 1e-8], "max_step": 1e-3}

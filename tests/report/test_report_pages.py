@@ -5,7 +5,7 @@ import re
 import shutil
 
 import pytest
-from report_studies import Page, designed, pictures, report, untrusted_report
+from report_studies import Page, designed, figures_on_the_page_only, pictures, report, untrusted_report
 
 from piezoharvest.output import OutputError
 from piezoharvest.report import gallery, write_report
@@ -85,7 +85,8 @@ class TestUntrusted:
     def test_a_best_candidate_that_breaks_a_limit(self, tmp_path):
         study, result = designed("step")
         broken = tuple(dataclasses.replace(c, violates=("min_power",)) for c in result.candidates)
-        page = Page(write_report(study, dataclasses.replace(result, candidates=broken), tmp_path))
+        with figures_on_the_page_only():
+            page = Page(write_report(study, dataclasses.replace(result, candidates=broken), tmp_path))
         assert "No candidate keeps all limits; this one violates min_power." in page.text
 
 

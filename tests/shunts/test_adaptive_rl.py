@@ -45,7 +45,7 @@ def integrated(shunt, length, drift=0.0, drive=DRIVE):
     mass, damping, stiffness, coupling = (BENCH[k] for k in ("mass", "damping", "stiffness", "coupling"))
 
     def rates(t, y):
-        x, u, q, i, p, g = y
+        x, u, q, i, p, g = y.tolist()
         factor = coupling * (1 + drift * t / length)
         v = (q - factor * x) / CAPACITANCE
         force = drive.amplitude * np.sin(2 * np.pi * drive.frequency * t)

@@ -101,7 +101,7 @@ def test_a_rectifier_follows_an_integrator_with_the_same_curve():
         return np.interp(excess, points, CURVE.currents) + max(beyond, 0.0)
 
     def rates(t, y):
-        x, u, v, dc = y
+        x, u, v, dc = y.tolist()
         i = current(v - dc - drop) - current(-v - dc - drop)
         force = DRIVE.amplitude * np.sin(2 * np.pi * DRIVE.frequency * t)
         return [u, (force - b * u - k * x + T * v) / m, (-i - T * u) / C, (abs(i) - dc / load) / store]

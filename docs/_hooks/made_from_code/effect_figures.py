@@ -63,10 +63,13 @@ _COLUMNS = {"voltage": "voltage_V", "displacement": "displacement_m", "current":
 
 def figures() -> Iterator[tuple[str, str, bytes]]:
     """Name, caption and picture (PNG) of each effect of the virtual bench."""
+    plain: dict[tuple[int, int], dict[str, np.ndarray]] = {}  # without an effect, by circuit and drive: few are in use
     for name in registered():
         if name in _SHOWN:
             values, shunt, drive, channel = _SHOWN[name]
-            with_it, without = (_record(shunt, drive, effects) for effects in ({name: values}, {}))
+            if (id(shunt), id(drive)) not in plain:
+                plain[id(shunt), id(drive)] = _record(shunt, drive, {})
+            with_it, without = _record(shunt, drive, {name: values}), plain[id(shunt), id(drive)]
             stream = io.BytesIO()
             style.write_png(_drawn(with_it, without, channel), stream)
             yield name, _caption(name, values, shunt, drive), stream.getvalue()

@@ -73,7 +73,7 @@ def record(specimen, laws, drive, load, duration, rate):
     m, b, k, T, C = (specimen[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
 
     def slopes(t, y):
-        x, u, v = y
+        x, u, v = y.tolist()
         coupling, out = T + laws.coupling(x), v / load + laws.load(v) + laws.electrodes(v)
         force = drive(t) - b * u - k * x - laws.spring(x) - laws.damper(u) + coupling * v
         return [u, force / m, -(out + coupling * u) / (C + laws.capacitance(v))]

@@ -31,7 +31,7 @@ def device_with(memory, states, drive, load, duration, rate, device=BEAM, method
     m, b, k, T, C = (device[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
 
     def slopes(t, y):
-        x, u, v, own = y[0], y[1], y[2], y[3:]
+        x, u, v, *own = y.tolist()
         force, current, rates = memory(t, x, u, v, own)
         return [u, (drive(t) - b * u - k * x - force + T * v) / m, -(v / load + current + T * u) / C, *rates]
 
@@ -56,7 +56,7 @@ def spring_behind_play(stiffness, half, drive, load, duration, rate, device=BEAM
         at = end  # of the play: 1, -1, or 0 within it
 
         def rates(t, y):
-            x, u, v = y
+            x, u, v = y.tolist()
             left = x - at * half if at else behind
             return [u, (drive(t) - b * u - k * x - stiffness * left + T * v) / m, -(v / load + T * u) / C]
 

@@ -22,6 +22,7 @@ from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 
 LOAD, SAMPLES = 1e5, 8000.0
+SPAN = 0.25  # s, long enough for a law with its formula; a search takes less time than through longer records
 LAG, AHEAD = Relaxation(time_constant=3e-3), Relaxation(time_constant=3e-3, behind=True)
 
 
@@ -87,7 +88,7 @@ def test_a_function_of_a_memory_moves_as_an_independent_integration(name):
 
 
 def searched_in(folder, memory, records):
-    read = lambda drive, load: device_with(memory, 1, drive, load, 0.5, 2000.0)  # noqa: E731
+    read = lambda drive, load: device_with(memory, 1, drive, load, SPAN, 2000.0)  # noqa: E731
     return searched(campaign_of(folder, "beam", read, records))
 
 
@@ -98,7 +99,7 @@ RECORDS = [
 
 
 def test_a_saturating_maxwell_element_is_found_with_its_formula(tmp_path):
-    read = lambda drive, load: device_with(TRUE["spring"][0], 1, drive, load, 0.5, 2000.0)  # noqa: E731
+    read = lambda drive, load: device_with(TRUE["spring"][0], 1, drive, load, SPAN, 2000.0)  # noqa: E731
     problem, before = fitted_without_law(campaign_of(tmp_path, "beam", read, RECORDS))
     found = search(problem, before, lambda text: None)
     law = found.best.law

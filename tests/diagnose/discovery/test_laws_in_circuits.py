@@ -302,7 +302,7 @@ def behind_shockley_diodes(drive):
     m, b, k, T, C = (BEAM[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
 
     def slopes(t, y):
-        x, u, v, dc = y
+        x, u, v, dc = y.tolist()
         up, down = shockley_path(v - dc), shockley_path(-v - dc)
         force, drain = drive(t) - b * u - k * x + T * v, dc / DC["load_resistance"]
         return [u, force / m, (-T * u - up + down) / C, (up + down - drain) / DC["smoothing_capacitance"]]
