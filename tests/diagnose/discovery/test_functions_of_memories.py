@@ -12,12 +12,16 @@ from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation
-from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Spring
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Reading, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.effect_file import save_effect
-from piezoharvest.diagnose.discovery.law_fits import without_effect
+from piezoharvest.diagnose.discovery.knots import table_for
+from piezoharvest.diagnose.discovery.law_fits import fitted, without_effect
+from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories
 from piezoharvest.diagnose.discovery.result import as_json, discovery
 from piezoharvest.diagnose.discovery.search import search
+from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 
@@ -152,6 +156,41 @@ def test_a_force_that_lags_behind_by_play_gives_energy_and_is_no_law_of_the_spri
     found = searched(campaign_of(tmp_path, "beam", read, RECORDS))
     if found is not None and found.best.place.name == "spring" and isinstance(found.best.law.memory, Play):
         assert np.real(found.best.form.values(np.array([found.best.law.memory.threshold])))[0] > 0.0
+
+
+def behind_play(drive, load):
+    """What a sensor shows: the motion, and a power of what follows it with play of 20 um on each side."""
+    fine = spring_behind_play(0.0, 1.0, drive, load, SPAN, 16_000.0)  # a plain beam, between whose samples it turns
+    at, play = 0.0, np.empty(len(fine["displacement"]))
+    for n, x in enumerate(fine["displacement"].tolist()):
+        at = play[n] = min(max(at, x - 2e-5), x + 2e-5)
+    fine["displacement"] = fine["displacement"] + 10.0 * np.sign(play) * np.abs(play) ** 1.5
+    return {name: values[::8] for name, values in fine.items()}
+
+
+def test_a_function_of_what_follows_with_play_is_fitted_from_that_of_the_motion(tmp_path):
+    problem, before = fitted_without_law(campaign_of(tmp_path, "beam", behind_play, RECORDS[:3]))
+    place = Reading("displacement", "displacement")
+    visited = visited_inputs(problem, before)["displacement"]
+    without = fitted(problem, before, Law(place=place, form=table_for(place, visited)), visited)
+    law = functions_of_memories(problem, before, [without], lambda text: None)[-1].law
+    assert (law.memory.kind, law.memory.follows) == ("play", True)
+    assert law.memory.threshold == pytest.approx(2e-5, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_sensor_that_follows_with_play_and_bends_is_found(tmp_path):
+    law = searched(campaign_of(tmp_path, "beam", behind_play, RECORDS)).best.law
+    assert (law.place.name, law.memory.kind, law.memory.follows) == ("reading.displacement", "play", True)
+    assert law.memory.threshold == pytest.approx(2e-5, rel=0.05)
+    assert law.form.word == "power" and law.form.exponent == pytest.approx(1.5, abs=0.02)
+
+
+def test_what_follows_with_play_is_shown_only_as_a_force_of_it_would_give_energy():
+    follows = Play(threshold=1.0, follows=True)
+    assert follows.made_of(np.array([0.0, 3.0, 2.0, -1.0, 0.5]), 1.0) == pytest.approx([0.0, 2.0, 2.0, 0.0, 0.0])
+    with pytest.raises(ParameterError, match="found true at the spring, allowed in a reading only"):
+        Law(place=Spring(), form=Line(factor=1.0), memory=follows)
 
 
 def test_a_table_of_a_memory_has_its_memory_as_values():
