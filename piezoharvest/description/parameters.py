@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import operator
 from collections.abc import Collection, Hashable
 from dataclasses import MISSING, dataclass
@@ -124,7 +125,7 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     ParameterError
         The value is not a number, not finite or outside the bounds.
     """
-    if (value is None and field.default is None) or (isinstance(value, float) and _is_fine(field, value)):
+    if (value is None and field.default is None) or _is_fine(value, *_limits(field)):
         return
     numbers = np.asarray(value)
     try:
@@ -146,14 +147,29 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
 
 
-def _is_fine(field: dataclasses.Field, number: float) -> bool:
-    """True if a number passes `check_quantity`, in a tenth of its time: most components have plain numbers."""
-    least = SMALLEST if field.metadata.get("above") == 0 else 0.0
-    return least <= abs(number) <= LARGEST and all(
-        compare(number, field.metadata[key])
-        for key, (_, compare) in _COMPARISONS.items()
-        if field.metadata.get(key) is not None
-    )
+def _limits(field: dataclasses.Field) -> tuple[float, float]:
+    """Least and largest number that passes `check_quantity`."""
+    above, at_least, below, at_most = (field.metadata.get(key) for key in _COMPARISONS)
+    least, most = SMALLEST if above == 0 else -LARGEST, LARGEST
+    if above is not None:
+        least = max(least, float(np.nextafter(above, np.inf)))
+    if below is not None:
+        most = min(most, float(np.nextafter(below, -np.inf)))
+    return max(least, -LARGEST if at_least is None else at_least), min(most, LARGEST if at_most is None else at_most)
+
+
+def _is_fine(value: Any, least: float, most: float) -> bool:
+    """True if a number or a tuple of them passes `check_quantity`, in little time: most components have these."""
+    if isinstance(value, float):
+        return least <= value <= most
+    return isinstance(value, tuple) and all(isinstance(each, float) and least <= each <= most for each in value)
+
+
+@functools.cache
+def _checked(cls: type) -> tuple[tuple[dataclasses.Field, float, float], ...]:
+    """Quantities of a class of components with their limits: many components are made in a fit."""
+    some = [field for field in dataclasses.fields(cls) if "unit" in field.metadata]
+    return tuple((field, *_limits(field)) for field in some)
 
 
 def check_choice(key: str, value: Any, allowed_: Collection[Any]) -> None:
@@ -235,9 +251,10 @@ class Component:
             cls.__doc__ = WithFields(cls.__dict__["__doc__"], allowed)  # pyright: ignore[reportAttributeAccessIssue]
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if "unit" in field.metadata:
-                check_quantity(field, getattr(self, field.name))
+        for field, least, most in _checked(type(self)):
+            value = getattr(self, field.name)
+            if not _is_fine(value, least, most):
+                check_quantity(field, value)
 
 
 def altered(component: C, **values: Any) -> C:

@@ -45,16 +45,21 @@ class Form(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        own = self.__dict__
         for name in ("scale", "width"):
-            value = getattr(self, name, 1.0)
+            value = own.get(name, 1.0)
+            if isinstance(value, float) and 0.0 < abs(value) < np.inf:
+                continue  # in little time: many forms are made in a fit
             if not np.all(np.isfinite(value)) or np.any(np.asarray(value) == 0.0):
                 raise ParameterError(name, f"found {value!r:.60}, must be a finite number other than 0")
-        check_choice("sides", getattr(self, "sides", 2), (2, 1, -1))
-        check_choice("side", getattr(self, "side", 0), (0, 1, -1))
-        knots = getattr(self, "knots", (0.0,))
+        check_choice("sides", own.get("sides", 2), (2, 1, -1))
+        check_choice("side", own.get("side", 0), (0, 1, -1))
+        if "knots" not in own:
+            return
+        knots = own["knots"]
         if not len(knots) or not np.all(np.isfinite(knots)):
             raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
-        kinks = getattr(self, "kinks", knots)
+        kinks = own.get("kinks", knots)
         if len(kinks) != len(knots):
             raise ParameterError("kinks", f"found {len(kinks)} for {len(knots)} knots, each knot needs one")
 
