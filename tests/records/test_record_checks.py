@@ -374,6 +374,23 @@ class TestAgainstTheModel:
         of, device = stack_sine()
         assert ("unit", "displacement") in found(with_values(of, displacement=of["displacement"] * 1e6), device)
 
+    @pytest.mark.parametrize(
+        "shunt",
+        [{"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6},
+         {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, "dc_voltage": 5.0},
+         {"kind": "ssdi", "inductance": 0.1, "quality": 5.0}],
+        ids=lambda shunt: shunt["kind"],
+    )  # fmt: skip
+    @pytest.mark.parametrize("frequency", [50.0, 47.3])
+    def test_a_current_behind_diodes_and_switches_in_milliamperes(self, shunt, frequency):
+        """Displacement and voltage tell how much charge there is; samples that hit the pulse of an inversion do not."""
+        clean, device = generator(BENCH, shunt, sine(frequency, 0.02, 0.0), duration=3.0, rate=2000.0)
+        of = measured(clean, noise=1e-3, bits=16)
+        assert check(of, device) == ()
+        if shunt["kind"] != "ssdi":  # there the current is but such pulses
+            finding = only(with_values(of, current=1e3 * of["current"]), device, "unit", "current", "error")
+            assert "is it mA?" in finding.message
+
     @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (1e3, "mN")])
     def test_unit_of_the_drive(self, factor, unit):
         of, device = stack_sine()

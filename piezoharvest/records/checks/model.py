@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.transducer import Transducer
@@ -25,6 +26,7 @@ ELECTRIC = ("voltage", "current")  # channels whose sign is that of the leads
 _MUCH_NEARER = 5.0  # ratio of two deviations of an amplitude from the prediction
 _LEAST_AGREEMENT = 0.8  # correlation, in phase, of exchanged channels with their predictions
 _MIN_STEP = 0.2  # of the drive's range from one sample to the next
+_JUMP = 5.0  # medians of the change between two samples from which on a voltage is taken for one that a switch inverts
 
 
 def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
@@ -37,6 +39,8 @@ def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> I
         scores = {} if record.drive in swapped else {c: score for c, score in scores.items() if c not in swapped}
     yield from _wrong_units(record, scores)
     yield from _wrong_signs(record, scores, lambda: _with_other_polarity(record, spectra, transducer))
+    if "current" in record.responses and not wrong and not isinstance(record.shunt, LinearShunt):
+        yield from _beyond_charge(record, transducer)
     over = ("voltage", "current") if _over_between_samples(record, transducer) else ()
     for channel, score in scores.items():
         if score.too_small and not score.judged and channel not in over:
@@ -107,6 +111,31 @@ def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
     for channel, score in off.items():
         message = f"found {score.factor:.2g} times what the nominal model gives for this {_named(record.drive)}"
         yield _finding(record, "unit", channel, f"{message}, {_unit_hint(record, channel, score.factor)}")
+
+
+def _beyond_charge(record: Record, transducer: Transducer) -> Iterator[Finding]:
+    """Finding for a current behind a circuit with events that displacement and voltage have no charge for.
+
+    Whatever the circuit is, the current is i = -d(C v + T x)/dt, so that its mean magnitude is no more than those of
+    both parts together. Noise of the two only raises that. How little it may be depends on the circuit. An inversion of
+    the voltage is shorter than a sample, which may hit its pulse: samples beside one are left out.
+    """
+    if "displacement" not in record.signals or "voltage" not in record.signals or record.drive == "voltage":
+        return
+    steps = np.diff(record["time"])
+    voltage, strain = np.diff(record["voltage"]), np.diff(record["displacement"])
+    median = float(np.median(np.abs(voltage)))  # zero of a coarse converter
+    calm = np.abs(voltage) <= (_JUMP * median if median > 0.0 else np.inf)
+    inside = calm[1:] & calm[:-1]  # samples with calm steps on both sides
+    coupling = max(abs(mode.coupling) for mode in transducer.all_modes)
+    rates = (transducer.capacitance * np.abs(voltage) + coupling * np.abs(strain)) / steps
+    most = float(np.mean(0.5 * (rates[1:] + rates[:-1])[inside])) if inside.any() else 0.0
+    factor = float(np.mean(np.abs(record["current"][1:-1][inside]))) / most if most > 0.0 else 0.0
+    if factor > MAX_FACTOR:
+        than = "times the current that displacement and voltage can be of by the nominal capacitance and coupling"
+        # The least prefix of so much; nominal values may be off by two.
+        hint = _unit_hint(record, "current", 1000.0 ** np.ceil(np.log10(0.5 * factor) / 3.0))
+        yield _finding(record, "unit", "current", f"found at least {factor:.2g} {than}, {hint}")
 
 
 def _unit_hint(record: Record, channel: str, factor: float) -> str:
