@@ -101,7 +101,7 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
     d, dinputs, right, places = state.d, state.dinputs, memory.right, elements.places
     n, half, parameters, count = len(memory.z), len(elements.rated), d.shape[1], len(places)
     clear(right)
-    _add_rises(slopes, d, memory, right[2 * half :])
+    _differentiate_added(slopes, d, memory, right[2 * half :])
     # First the part of the outputs that does not depend on the elements' present inputs; the values at the end last, as
     # the others depend on the previous ones.
     for j in range(count):
@@ -148,13 +148,13 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
                 for p in range(parameters):
                     d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
             if elements.added[a] >= 0:
-                _add_added(elements.added[a], s[FIRST_ADDED], s[FIRST_ADDED + 1], half, dinputs, d[at])
+                _add_through_added(elements.added[a], s[FIRST_ADDED], s[FIRST_ADDED + 1], half, dinputs, d[at])
             if elements.added[b] >= 0:
-                _add_added(elements.added[b], s[SECOND_ADDED], s[SECOND_ADDED + 1], half, dinputs, d[at])
+                _add_through_added(elements.added[b], s[SECOND_ADDED], s[SECOND_ADDED + 1], half, dinputs, d[at])
 
 
 @compiled
-def _add_rises(slopes, d, memory, right):
+def _differentiate_added(slopes, d, memory, right):
     """Derivatives of what the elements' outputs add to inputs' coefficients, those of outputs at the end left out."""
     more = len(right) // 2
     if more == 0:
@@ -170,7 +170,7 @@ def _add_rises(slopes, d, memory, right):
 
 
 @compiled
-def _add_added(added, one, two, half, dinputs, out):
+def _add_through_added(added, one, two, half, dinputs, out):
     """Add to an output's derivatives those by what outputs add to an input's coefficients."""
     more = (len(dinputs) - 2 * half) // 2
     for p in range(len(out)):
