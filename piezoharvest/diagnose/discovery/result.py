@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Play
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.wording import Value, formula, in_si, memory_values, unit_of
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, derivative, inputs_and_values
@@ -133,10 +134,12 @@ def _values(best: LawFit, std: np.ndarray) -> dict[str, Value]:
 
 
 def _memory_json(law: Law) -> dict[str, Any] | None:
-    """Kind of a law's memory, and its values in SI units."""
+    """Kind of a law's memory, and its values in SI units; whether the law is one of what follows with play."""
     if law.memory is None:
         return None
-    return {"kind": law.memory.kind, **{name: float(value) for name, value in memory_values(law.memory).items()}}
+    follows = {"follows": True} if isinstance(law.memory, Play) and law.memory.follows else {}
+    values = {name: float(value) for name, value in memory_values(law.memory).items()}
+    return {"kind": law.memory.kind, **values, **follows}
 
 
 def as_json(found: Discovery) -> dict[str, Any]:

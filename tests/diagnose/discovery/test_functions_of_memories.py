@@ -173,9 +173,9 @@ def test_a_function_of_what_follows_with_play_is_fitted_from_that_of_the_motion(
     place = Reading("displacement", "displacement")
     visited = visited_inputs(problem, before)["displacement"]
     without = fitted(problem, before, Law(place=place, form=table_for(place, visited)), visited)
-    law = functions_of_memories(problem, before, [without], lambda text: None)[-1].law
-    assert (law.memory.kind, law.memory.follows) == ("play", True)
-    assert law.memory.threshold == pytest.approx(2e-5, rel=0.05)
+    found = functions_of_memories(problem, before, [without], lambda text: None)[-1]
+    memory = as_json(discovery(found, 1.0, 0.0, ()))["memory"]
+    assert memory == {"kind": "play", "threshold": pytest.approx(2e-5, rel=0.05), "follows": True}
 
 
 @pytest.mark.slow
