@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import functools
 import operator
 from collections.abc import Collection, Hashable
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -165,11 +165,16 @@ def _is_fine(value: Any, least: float, most: float) -> bool:
     return isinstance(value, tuple) and all(isinstance(each, float) and least <= each <= most for each in value)
 
 
-@functools.cache
+# Classes are not kept by it: those of a user's file, or of a page of the documentation, come and go.
+_CHECKED: WeakKeyDictionary[type, tuple[tuple[dataclasses.Field, float, float], ...]] = WeakKeyDictionary()
+
+
 def _checked(cls: type) -> tuple[tuple[dataclasses.Field, float, float], ...]:
     """Quantities of a class of components with their limits: many components are made in a fit."""
-    some = [field for field in dataclasses.fields(cls) if "unit" in field.metadata]
-    return tuple((field, *_limits(field)) for field in some)
+    if cls not in _CHECKED:
+        some = [field for field in dataclasses.fields(cls) if "unit" in field.metadata]
+        _CHECKED[cls] = tuple((field, *_limits(field)) for field in some)
+    return _CHECKED[cls]
 
 
 def check_choice(key: str, value: Any, allowed_: Collection[Any]) -> None:
