@@ -402,8 +402,15 @@ class RecordModel:
         return _stacked(rows)
 
     def _distinct(self, elements: list[ScalarElement]) -> tuple[dict[bytes, Row], np.ndarray]:
-        """Distinct inputs of the elements by their content, and their indices for every element."""
-        pairs = [(self._content(e.first), self._content(e.second)) for e in elements]
+        """Distinct inputs of the elements by their content, and their indices for every element.
+
+        A row that is zero is one of its own: it may be that of an effect at its null value, whose derivatives differ.
+        """
+
+        def key(row: Row, n: int) -> bytes:
+            return self._content(row) + (b"" if np.any(np.real(row)) else f" {n}".encode())
+
+        pairs = [(key(e.first, n), key(e.second, n)) for n, e in enumerate(elements)]
         inputs: dict[bytes, Row] = {}
         for element, (first, second) in zip(elements, pairs, strict=True):
             inputs.setdefault(first, element.first)

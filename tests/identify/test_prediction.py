@@ -17,7 +17,15 @@ from piezoharvest.description.effects.electrical.dielectric_relaxation import Di
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Line, Power, TwoKnees
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play
-from piezoharvest.description.effects.nameless.places import Capacitor, Coupling, Damper, Electrodes, OverTime, Spring
+from piezoharvest.description.effects.nameless.places import (
+    Capacitor,
+    Coupling,
+    Damper,
+    Electrodes,
+    GainOverTime,
+    OverTime,
+    Spring,
+)
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
 from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
@@ -339,6 +347,22 @@ def test_derivatives_of_tables_whose_inputs_outputs_reach(name, null):
             wanted = (up[channel] - down[channel]) / (2 * step)
             size = max(np.abs(wanted).max(), 1e-8 * np.abs(up[channel]).max() / abs(step))
             assert np.mean(np.abs(slopes[:, c, k] - wanted) > 1e-3 * size) < 0.02, (parameter.path, channel)
+
+
+def test_derivatives_of_two_effects_at_null_that_multiply_rows_of_zero():
+    """Such rows are alike but for their derivatives: each is an input of its own."""
+    table = Law(place=Coupling(), form=Bends(knots=(0.0, -0.0), kinks=(0.0, 0.0)))
+    gain = Law(place=GainOverTime("displacement"), form=StepChange(factor=0.0, at=0.5, width=0.02))
+    device = replace(build_transducer(BEAM), effects=(table, gain))
+    force = 0.02 * np.sin(np.arange(200) / 5.0)
+    parameters = [*law_parameters(table, 0), Parameter(("effects", 1, "form", "factor"), "", "linear", -1.0, 1.0)]
+    _, slopes = predicted(device, "force", force, parameters=parameters)
+    for k, channel, step in ((0, "voltage", 1e-3), (2, "displacement", 1e-5)):
+        parameter = parameters[k]
+        sides = [predicted(put(device, parameter.path, s * step), "force", force)[0][channel] for s in (1, -1)]
+        wanted = (sides[0] - sides[1]) / (2 * step)
+        column = ("displacement", "voltage").index(channel)
+        assert slopes[:, column, k] == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max()), channel
 
 
 @pytest.mark.parametrize(
