@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from piezoharvest.description.effects import Clipping, Effect
 from piezoharvest.description.parameters import check_kind
-from piezoharvest.description.transducer import Transducer
+from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.other_places import rivals
 from piezoharvest.diagnose.discovery.search import can_search
@@ -145,17 +147,19 @@ def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:
     return replace(found, campaign=before.campaign, before=before, search=alone)
 
 
-def _explains(before: Quality, after: Quality) -> bool:
+def _explains(before: Quality, after: Quality, count: float) -> bool:
     """True if enough of what residuals had above the noise, as the better model shows it, is gone.
 
     The gain of a law weighs frequencies by their noise and begins at the model that it was sought from: a law may lower
-    that much and leave the error that a user sees as it was.
+    that much and leave the error that a user sees as it was. What noise alone may leave of `count` samples of all
+    channels is allowed: where known effects have explained most, little more than that was above it.
     """
     had, has = (
         sum(replace(each, noise=after.noise).ratio(channel) ** 2 - 1.0 for channel in after.noise)
         for each in (before, after)
     )
-    return has <= (1.0 - thresholds.MIN_LAW_GAIN) * had
+    scatter = len(after.noise) * np.sqrt(2.0 / max(count, 1.0))  # of as many mean squares of as many samples each
+    return has <= (1.0 - thresholds.MIN_LAW_GAIN) * had + thresholds.NOISE_DEVIATIONS * scatter
 
 
 def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:
@@ -166,7 +170,8 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
         return None
     # A law that takes the place of effects that were found also has to explain what these have left.
     left = [found.validation_before, *([found.validation_after] if found.verdict == "unexplained" else [])]
-    if not all(_explains(each, more.validation) for each in left):
+    _, count = more.squares[-1]
+    if not all(_explains(each, more.validation, count) for each in left):
         progress("the errors of the records that were not fitted are hardly smaller than without it")
         return None
     final = more.search.final
@@ -217,12 +222,16 @@ def _diagnose_all(
         offsets = (*OFFSET_CHANNELS, "voltage")
     before = identified(campaign, offsets, progress)
     found = _diagnose_extending_fit(before, progress, library)
-    if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
+    converged, left_out = found.search.final.converged, before.campaign.transducer.quasi_static
+    assumed = found.verdict == "unexplained" and not any(p.path[-1] in INERT for p in before.found.model.parameters)
+    if (converged and not assumed) or left_out or before.campaign.drives_base:
         return found
-    progress("the fit does not converge: repeated without inertia and damping, which may be the cause")
+    why = "nominal mass and damping may be wrong" if converged else "the fit does not converge"
+    progress(f"{why}: repeated without inertia and damping, which may be the cause")
     quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
     other = _diagnose_extending_fit(identified(quasi_static, offsets, progress), progress, library)
-    return other if other.search.final.converged else found
+    better = other.verdict != "unexplained" if converged else other.search.final.converged
+    return other if better else found
 
 
 def _diagnose_extending_fit(

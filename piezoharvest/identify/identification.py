@@ -32,7 +32,8 @@ from piezoharvest.identify.start_values.quasi_static import (
     as_quasi_static,
     is_far_from_quasi_static,
     may_be_quasi_static,
-    quasi_static_fits_as_well,
+    nominal_fit,
+    quasi_static_fit,
     resonance_above_nyquist,
 )
 from piezoharvest.predict.parameters import is_of_circuit, parameters_of, value_at
@@ -85,7 +86,12 @@ def identify(
     parameters, unsigned = with_known_signs(parameters_of(campaign.transducer, drives), data, campaign.transducer)
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, progress, poor) if near is None else _fit_near(problem, model, near, progress)
-    if may_be_quasi_static(problem, first) and _explained_quasi_statically(campaign, problem, first):
+    still = _quasi_static_fit(campaign, problem, first) if may_be_quasi_static(problem, first) else None
+    held = still and nominal_fit(problem, first, still)
+    if held is not None:
+        progress("inertia and damping do not show: mass and damping keep their nominal values")
+        first = fit(problem, held.model, held.nuisance, held.noise, progress=progress)
+    elif still is not None:
         return _identify_quasi_static(campaign, progress, offsets)
     # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
     begun = search_initial_states(problem, first) if near is None else None
@@ -100,7 +106,8 @@ def identify(
     last = verdict.last
     # Nominal values that no record confirms are as good as unknown.
     unconfirmed = {first.model.parameters[k].path for k in verdict.fixed}
-    if {(name,) for name in INERT} <= unconfirmed and _explained_quasi_statically(campaign, problem, last):
+    still = _quasi_static_fit(campaign, problem, last) if {(name,) for name in INERT} <= unconfirmed else None
+    if still is not None and nominal_fit(problem, last, still) is None:
         return _identify_quasi_static(campaign, progress, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
     return identification_of(campaign, problem, last, tuple(estimates), progress)
@@ -146,14 +153,14 @@ def identification_of(
     )  # fmt: skip
 
 
-def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit) -> bool:
-    """True if a quasi-static specimen explains the records as well as a fit does."""
+def _quasi_static_fit(campaign: Campaign, problem: Problem, found: Fit) -> Fit | None:
+    """Fit of the quasi-static specimen if that explains the records as well as a fit does."""
     quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
     still = Problem(prepared(quasi_static, "fit"), quasi_static.transducer, problem.offset_channels)
     # Behind a circuit that resonates a fit of whole records would take most of the time of an identification.
     if problem.has_events and is_far_from_quasi_static(problem, beginning(still, first_lengths(problem)[0]), found):
-        return False
-    return quasi_static_fits_as_well(problem, still, found)
+        return None
+    return quasi_static_fit(problem, still, found)
 
 
 def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequence[str]) -> Identification:
