@@ -29,14 +29,14 @@ EPSILON = float(np.finfo(float).eps)
 WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
 HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
-EXPONENTS = (1e-6, 0.5, 1.5, 2.5, 3.5)  # start values of an exponent; the first is that of a step at zero
+EXPONENTS = (1e-6, 0.5, 1.5, 2.5, 3.5, 20.0)  # start values of an exponent, from a step at zero to one at the end
 STEP_WIDTH = 0.05  # start value of a change over time, of all records: about the distance of a table's corners
 STEPS = 48  # start values of its moment, evenly over the samples: a few between two corners
 # Largest scale of a curve, of the largest input, without and with its straight line taken out: there its values differ
 # from the first term of its series by as much as by rounding, whose share grows with the scale or with its square.
 STRAIGHT, CURVED = EPSILON ** (-1 / 2), EPSILON ** (-1 / 3)
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input, beside the largest
-EXCESSES, SPEEDS = (-0.8, 0.5, 2.0), (0.05, 0.15, 0.4)  # start values of another friction near zero
+EXCESSES, SPEEDS = (-0.8, 0.1, 0.5, 2.0), (0.05, 0.15, 0.4)  # start values of another friction near zero
 SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
 
 

@@ -20,7 +20,8 @@ from piezoharvest.diagnose.discovery.forms.family import Family
 ITERATIONS = 200  # of a formula: far more than any needs that is not on its way to infinity
 CONVERGED = 1e-10  # relative decrease of the distance: closer, no ranking changes
 DAMPING = 0.1  # at the start: a full step from far away may go past the nearest place
-LESS, MORE = 0.2, 4.0  # times as much damping after a step that was good, and after one that was not
+AS_EXPECTED = 0.25  # of the expected decrease: after a step that had less it would go to and fro
+LESS, MORE = 0.2, 4.0  # times as much damping after a step with as much as expected, and after one with less
 DAMPED = 1e12  # damping beyond which a step is rounding
 ALIKE = 1e-6  # of the squared distance: starts as close to each other are on their way to the same place
 ROUNDING = 1e-12  # of what values of their size could add: below, they are a straight line but for rounding
@@ -95,7 +96,7 @@ def descended(distance: Distance, family: Family, starts: np.ndarray) -> Members
         trial = Members.at(distance, family, found.u[some] + step)
         decrease = found.cost[some] - trial.cost
         good = decrease > 0.0
-        damping[some] *= np.where(good, LESS, MORE)
+        damping[some] *= np.where(decrease > AS_EXPECTED * expected, LESS, MORE)
         small = np.maximum(np.where(good, decrease, 0.0), expected) <= CONVERGED * found.cost[some]
         done[some] |= small | (damping[some] > DAMPED)
         found.take(some[good], trial, good)
