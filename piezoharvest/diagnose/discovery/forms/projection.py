@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def unit_columns(distance: Distance, family: Family, u: np.ndarray) -> tuple[np.
     with np.errstate(all="ignore"):
         for n in range(m):
             for j in range(d):
-                moved = whitened(distance, family.unit(n, u + 1j * COMPLEX_STEP * (np.arange(d) == j)))
+                moved: Any = whitened(distance, family.unit(n, u + 1j * COMPLEX_STEP * (np.arange(d) == j)))
                 columns[:, :, n], slopes[:, :, n, j] = moved.real, moved.imag / COMPLEX_STEP
             if not d:
                 columns[:, :, n] = whitened(distance, family.unit(n, u))
@@ -134,7 +135,7 @@ def unit_columns(distance: Distance, family: Family, u: np.ndarray) -> tuple[np.
 
 def whitened(distance: Distance, form: Form) -> np.ndarray:
     """Whitened kinks (a, k) that stand for a batch of forms; zero where a form is a straight line but for rounding."""
-    values = np.atleast_2d(form.values(distance.x))
+    values: Any = np.atleast_2d(form.values(distance.x))
     found = values @ distance.whitened.T
     size = np.linalg.norm(distance.whitened) * np.linalg.norm(values.real, axis=1)
     found[np.linalg.norm(found.real, axis=1) <= ROUNDING * size] = 0.0
