@@ -1,0 +1,98 @@
+"""Formulas compared with a table on the table's own terms: the kinks that stand for one, with their covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.effects import DiodeDropError
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, outward
+from piezoharvest.description.effects.nameless.places import Place, Reading
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.predict.parameters import Path
+
+GAP = 10.0  # times the median distance of two samples: more is between two records
+SAMPLES = 400  # inputs at which formula and table are compared
+
+
+def drop_path(transducer: Transducer) -> Path:
+    """Path of the free drop of diodes; empty where their label is trusted."""
+    effects = transducer.effects
+    return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
+
+
+def spread_inputs(table: LawFit) -> np.ndarray:
+    """Inputs at which forms of a law are compared with a table: where the records were, and evenly over that range."""
+    x = np.quantile(table.visited, np.linspace(0.0, 1.0, SAMPLES))
+    if table.place.input == "campaign_time":  # between the records nothing is known
+        return np.unique(x)
+    return np.unique(np.concatenate([x, np.linspace(x[0], x[-1], SAMPLES)]))
+
+
+def recorded(times: np.ndarray) -> tuple[float, float]:
+    """Length of what records cover of a time, without what lies between them, and the distance of two samples."""
+    steps = np.diff(np.unique(times))
+    sample = float(np.median(steps))
+    return float(steps[steps < GAP * sample].sum()), sample
+
+
+def pieces_of(form: Corners | Bends, x: np.ndarray) -> np.ndarray:
+    """What each kink of a table adds at inputs (n,), for a kink of one: (n, k)."""
+    pieces = np.maximum(outward(form.knots) * (x[:, None] - np.array(form.knots)), 0.0)
+    return 0.5 * pieces**2 if isinstance(form, Bends) else pieces
+
+
+class Distance:
+    """Distance of a formula from a table, in units of the table's covariance.
+
+    Attributes
+    ----------
+    samples : float
+        Number of samples that the table was fitted to.
+    x : (n,) array
+        Inputs at which formula and table are compared.
+    whitened : (k, n) array
+        Kinks that stand for the values of a function at the inputs, whitened.
+    found : (k,) array
+        Kinks of the table, whitened.
+    with_constant : bool
+        A constant beside the function is free.
+    """
+
+    def __init__(self, table: LawFit) -> None:
+        form = table.form
+        assert isinstance(form, Corners | Bends)
+        self.samples = table.samples
+        self.x = spread_inputs(table)
+        # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
+        # beside it; elsewhere a constant goes with offsets.
+        self.with_constant = not table.place.in_circuit or bool(drop_path(table.found.model.transducer))
+        # A gain of a sensor is all but a change of parameters, which a table has taken in any share.
+        line = table.law.bent or of_itself(table.place)
+        self.basis = np.column_stack(
+            [*pieces_of(form, self.x).T, *[np.ones(len(self.x))] * self.with_constant, *[self.x] * line]
+        )
+        inside, right = table.normal
+        values, vectors = np.linalg.eigh(inside)
+        values = np.maximum(values, 0.0)
+        root = (vectors * np.sqrt(values)).T
+        kinks = np.linalg.lstsq(inside, right, rcond=1e-13)[0]
+        self.count = len(kinks)
+        self.size = np.abs(self.basis).max(axis=0)
+        self.size[self.size == 0.0] = 1.0
+        self.inverse = np.linalg.pinv(self.basis / self.size, rcond=1e-10)
+        self.whitened = root @ (self.inverse / self.size[:, None])[: self.count]
+        self.found = root @ kinks
+
+    def line(self, form: Form) -> float:
+        """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
+        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
+
+    def constant(self, form: Form) -> float:
+        """Constant in a formula, likewise."""
+        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[self.count])
+
+
+def of_itself(place: Place) -> bool:
+    """True for the reading of a channel over its own value."""
+    return isinstance(place, Reading) and place.of == place.channel
