@@ -30,6 +30,7 @@ from piezoharvest.identify.start_values.multistart import (
 )
 from piezoharvest.identify.start_values.quasi_static import (
     as_quasi_static,
+    comes_to_rest,
     is_far_from_quasi_static,
     may_be_quasi_static,
     nominal_fit,
@@ -87,12 +88,12 @@ def identify(
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, progress, poor) if near is None else _fit_near(problem, model, near, progress)
     still = _quasi_static_fit(campaign, problem, first) if may_be_quasi_static(problem, first) else None
+    if still is not None and not comes_to_rest(problem):
+        return _identify_quasi_static(campaign, progress, offsets)
     held = still and nominal_fit(problem, first, still)
     if held is not None:
         progress("inertia and damping do not show: mass and damping keep their nominal values")
         first = fit(problem, held.model, held.nuisance, held.noise, progress=progress)
-    elif still is not None:
-        return _identify_quasi_static(campaign, progress, offsets)
     # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
     begun = search_initial_states(problem, first) if near is None else None
     if begun is not None:
@@ -106,8 +107,8 @@ def identify(
     last = verdict.last
     # Nominal values that no record confirms are as good as unknown.
     unconfirmed = {first.model.parameters[k].path for k in verdict.fixed}
-    still = _quasi_static_fit(campaign, problem, last) if {(name,) for name in INERT} <= unconfirmed else None
-    if still is not None and nominal_fit(problem, last, still) is None:
+    doubtful = {(name,) for name in INERT} <= unconfirmed and not comes_to_rest(problem)
+    if doubtful and _quasi_static_fit(campaign, problem, last) is not None:
         return _identify_quasi_static(campaign, progress, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
     return identification_of(campaign, problem, last, tuple(estimates), progress)

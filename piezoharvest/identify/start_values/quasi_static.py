@@ -94,11 +94,17 @@ def quasi_static_fit(problem: Problem, quasi_static: Problem, found: Fit) -> Fit
     return other if as_well or resonance_above_nyquist(problem, found.model.transducer) else None
 
 
+def comes_to_rest(problem: Problem) -> bool:
+    """True if the nominal modes come to rest within a sample.
+
+    Those that do not would ring in the samples, at a frequency that is not known well, or lag so much that it shows.
+    """
+    slowest = min(map(_decay_rate, problem.nominal.all_modes))
+    return all(slowest * data.setting.sample_time > 1.0 for data in problem.data if isinstance(data, Data))
+
+
 def nominal_fit(problem: Problem, found: Fit, quasi_static: Fit) -> Fit | None:
     """Fit with the nominal masses and dampings; None if the records contradict them, beside the quasi-static specimen.
-
-    None also where a mode does not come to rest within a sample: at another frequency than the nominal one it would
-    ring differently, and a lag that long would show.
 
     Parameters
     ----------
@@ -109,9 +115,6 @@ def nominal_fit(problem: Problem, found: Fit, quasi_static: Fit) -> Fit | None:
         Fit of the quasi-static specimen.
     """
     nominal = problem.nominal
-    slowest = min(map(_decay_rate, nominal.all_modes))
-    if any(slowest * data.setting.sample_time < 1.0 for data in problem.data if isinstance(data, Data)):
-        return None
     transducer = found.model.transducer
     for parameter in found.model.parameters:
         if parameter.path[-1] in INERT:
