@@ -1,7 +1,7 @@
 """Nominal mass and damping of a stack far below its resonance, of which the records show neither.
 
-Its charge lags by w b/k = 1e-4 rad, which is below the noise; without that a fit takes it for charge that leaks. Records
-by a matrix exponential, exact for sines.
+Its charge lags by w b/k = 1e-4 rad, which is below the noise; without that a fit takes it for charge that leaks.
+Records by a matrix exponential, exact for sines.
 """
 
 from dataclasses import replace
