@@ -17,6 +17,7 @@ from piezoharvest.description.effects.nameless.places import LoadCurrent, Place
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose.discovery.knots import moved
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
@@ -270,14 +271,39 @@ def fitted(
     problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
 ) -> LawFit | None:
     """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
-    first, known = len(base.model.transducer.effects), base
+    first = len(base.model.transducer.effects)
     model = extended(base.model, [law], law_parameters(law, first, deviation))
-    nuisance, done = None, None
+    try:
+        nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    return _fitted_from(problem, base, model, nuisance, visited, deviation, aim)
+
+
+def with_moved_knots(problem: Problem, table: LawFit) -> LawFit | None:
+    """Fit of a table whose corners are moved to where it bends; None where that has no solution."""
+    assert isinstance(table.form, TABLES)
+    found, first = table.found, len(table.found.model.transducer.effects) - 1
+    law = replace(table.law, form=moved(table.form, table.visited))
+    deviation = smoothness(*table.normal).deviation
+    parameters = tuple(p for k, p in enumerate(found.model.parameters) if k not in table.own)
+    transducer = replace(found.model.transducer, effects=(*found.model.transducer.effects[:-1], law))
+    model = replace(
+        found.model, transducer=transducer, parameters=(*parameters, *law_parameters(law, first, deviation))
+    )
+    return _fitted_from(problem, found, model, found.nuisance, table.visited, deviation)
+
+
+def _fitted_from(
+    problem: Problem, base: Fit, model: Model, nuisance: Sequence[np.ndarray], visited: np.ndarray, deviation: float,
+    aim: float = np.inf,
+) -> LawFit | None:  # fmt: skip
+    """Fit of a model whose last effect is a law, with the noise and the whitening of another one."""
+    done = None
     for _ in range(SMOOTHING_ROUNDS):
         try:
-            nuisance = nuisance or nuisance_for_model(problem, base.model, base.nuisance, model)
             found = fit(
-                problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
+                problem, model, nuisance, base.noise, white=base.white, estimate_noise=False, enough=FIT_TOLERANCE,
                 most=ITERATIONS, aim=aim,
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
@@ -285,7 +311,7 @@ def fitted(
         if not np.all(np.isfinite(found.information)):  # at values where the model overflows
             return done
         done = LawFit(found, visited)
-        if not isinstance(law.form, TABLES):
+        if not isinstance(done.form, TABLES):
             return done
         better = smoothness(*done.normal).deviation
         if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:

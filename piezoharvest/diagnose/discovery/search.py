@@ -26,6 +26,7 @@ from piezoharvest.diagnose.discovery.law_fits import (
     ended,
     fitted,
     score,
+    with_moved_knots,
     without_law,
 )
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
@@ -48,6 +49,7 @@ ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 # Share of a large misfit from which a table is condensed at once: of what is left to others none explains more.
 MOST_EXPLAINED = 0.5
+MOVES = 6  # of a table's corners: a sharp bend comes closer by about a third with each
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported
@@ -315,6 +317,7 @@ class _Fits:
             found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
             if found is None:
                 continue
+            found = self._bent_where_the_law_bends(found)
             progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
             if found.memory_at_its_end:
                 progress(
@@ -344,10 +347,25 @@ class _Fits:
         self.ruled_out.append((other.law, 0.5 * (others - explained)))
         return True
 
+    def _is_coarse(self, law: LawFit) -> bool:
+        """True of a table that leaves much though it explains most of the misfit."""
+        explains = 1.0 - excess_of(law.found) / excess_of(self.start)
+        return isinstance(law.form, TABLES) and leaves_much(law) and explains >= MOST_EXPLAINED
+
+    def _bent_where_the_law_bends(self, law: LawFit) -> LawFit:
+        """The law, with the corners of a table that is too coarse moved while that makes it likelier."""
+        for _ in range(MOVES):
+            if not self._is_coarse(law) or self.problem.needs_engine:
+                break
+            again = with_moved_knots(self.problem, law)
+            if again is None or again.evidence > law.evidence - thresholds.CLOSE_COST:
+                break
+            law = again
+        return law
+
     def _condensed(self, table: LawFit) -> LawFit:
-        """The law, or the likeliest form of a table that leaves much though it explains most of the misfit."""
-        explains = 1.0 - excess_of(table.found) / excess_of(self.start)
-        if not isinstance(table.form, TABLES) or not leaves_much(table) or explains < MOST_EXPLAINED:
+        """The law, or the likeliest form of a table that is too coarse."""
+        if not self._is_coarse(table):
             return table
         if table not in self.condensed:
             self.condensed[table] = ranked(self.problem, table)
