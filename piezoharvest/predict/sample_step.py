@@ -116,10 +116,10 @@ def equilibria(several: Matrices, inverse: np.ndarray, first: np.ndarray, stops:
     e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
     forced, bent = _applied(several.B, e), several.kinds != STOP
 
-    def states(w: np.ndarray, k: slice) -> np.ndarray:
+    def states(w: np.ndarray, k: slice | np.ndarray) -> np.ndarray:
         return -_applied(inverses[k], forced[k] + _applied(several.W[k], w))
 
-    def missing(w: np.ndarray, k: slice) -> np.ndarray:
+    def missing(w: np.ndarray, k: slice | np.ndarray) -> np.ndarray:
         """By how much elements give more than `w` in the states that follow from it."""
         seen = _applied(several.O[k], np.hstack([states(w, k), w, e[k]]))
         return outputs_of(several.kinds, several.places, several.parameters[k], seen, w) - w
@@ -145,7 +145,7 @@ def _newton(missing: Callable[..., np.ndarray], w: np.ndarray, miss: np.ndarray,
     if not np.any(miss):
         return move
     turned = np.real(w[0]) + 1j * STEP * np.eye(len(bent))[bent]
-    slopes = np.column_stack([np.imag(missing(each[None], slice(1))[0, bent]) for each in turned]) / STEP
+    slopes = np.imag(missing(turned, np.zeros(len(turned), int))[:, bent]).T / STEP
     with suppress(np.linalg.LinAlgError):  # of a trial model without an equilibrium
         move[:, bent] = np.linalg.solve(slopes, -miss[:, bent].T).T
     return move
