@@ -147,8 +147,16 @@ class DiscreteModel:
         self.shared: dict[Hashable, Any] = {}  # results that depend on the equations alone
         self._steps: dict[int, SampleStep] = {}
         self._tangent_steps: dict[int, SampleStep] = {}
-        self.step = self.step_by(1)
-        self.inverse = inverse_of(self.matrices)
+
+    @property
+    def step(self) -> SampleStep:
+        """Step over a sample; not made for a model of which only the names of states are asked."""
+        return self.step_by(1)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """As of `inverse_of`."""
+        return inverse_of(self.matrices)
 
     @staticmethod
     def key(setting: Setting, transducer: Transducer) -> tuple:

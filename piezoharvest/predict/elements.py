@@ -16,10 +16,11 @@ def outputs_of(
     The parameters (k, elements) may have complex steps, but for whole exponents.
     """
     found = w.copy()
-    for j, (kind, (first, second), parameter) in enumerate(zip(kinds, places, parameters.T, strict=True)):
-        value = inputs[:, first]
+    for kind in np.unique(kinds):  # all of a kind at once: a table has dozens of hinges
+        j = np.flatnonzero(kinds == kind)
+        value, parameter = inputs[:, places[j, 0]], parameters[:, j]
         if kind == PRODUCT:
-            found[:, j] = value * inputs[:, second]
+            found[:, j] = value * inputs[:, places[j, 1]]
         elif kind == POWER:
             found[:, j] = value ** np.real(parameter)
         elif kind == POSITIVE_POWER:

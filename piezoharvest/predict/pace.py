@@ -70,9 +70,9 @@ def pace_of(
     # the opposite of their sum to that of s^3.
     S = direct[np.flatnonzero(reached), n:]
     before = np.vstack([-S, 3.0 * S])
-    free = np.vstack([free, np.pad(before, ((0, 0), (n, free.shape[1] - size)))])
+    free = np.vstack([free, _within(len(before), free.shape[1], before, n)])
     feed = np.vstack([feed, np.hstack([S, S, 0.0 * S]), np.hstack([-3.0 * S, -S, S])])
-    to_inputs = np.hstack([np.pad(direct[:, :n], ((0, len(feed) - inputs), (0, 0))), feed])
+    to_inputs = np.hstack([_within(len(feed), n, direct[:, :n]), feed])
     dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
     slopes = ElementSlopes(
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
@@ -84,7 +84,15 @@ def pace_of(
 
 def padded(slopes: np.ndarray) -> np.ndarray:
     """Derivatives (rows, parameters) padded with zeros to whole registers."""
-    return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
+    rows, count = slopes.shape
+    return _within(rows, count + -count % LANES, slopes)
+
+
+def _within(rows: int, columns: int, part: np.ndarray, first: int = 0) -> np.ndarray:
+    """Matrix of zeros but for a part of its first rows, from a column on; `np.pad` would take ten times as long."""
+    found = np.zeros((rows, columns))
+    found[: len(part), first : first + part.shape[1]] = part
+    return found
 
 
 def _no_tangent(columns: int) -> Tangent:

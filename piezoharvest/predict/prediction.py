@@ -87,7 +87,7 @@ class Prediction:
         self.setting, self.transducer, self.parameters = setting, transducer, tuple(parameters)
         self._lowered = lowered = lowered or DiscreteModel(transducer, setting, parameters)
         self.matrices = matrices = lowered.matrices
-        self.share, self.step = lowered.share, lowered.step
+        self.share = lowered.share
         self.free, self.swift = (
             [matrices.states.index(name) for name in some] for some in (setting.free, setting.swift)
         )
@@ -116,6 +116,11 @@ class Prediction:
         # Mean slopes of the elements with respect to their inputs, (elements, 2): those of relaxed operators that slip,
         # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
+
+    @property
+    def step(self) -> SampleStep:
+        """Step over a sample."""
+        return self._lowered.step
 
     @property
     def begun_from(self) -> int:
