@@ -8,6 +8,7 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from piezoharvest.predict.elements import outputs_of
 from piezoharvest.predict.parameters import STEP
@@ -15,9 +16,6 @@ from piezoharvest.predict.record_model import STOP, Matrices
 
 MAX_ITERATIONS = 50  # iterations to an equilibrium
 DEGREE = 3  # of the drive between two samples
-# Of a scaled matrix, and degree of the Taylor series of its functions, whose rest is then less than rounding: its first
-# term is 4! 0.5^14/18! = 2e-19 of phi_4.
-TAYLOR_NORM, TAYLOR_DEGREE = 0.5, 13
 
 
 class SampleStep(NamedTuple):
@@ -70,66 +68,24 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
 
 
 def _exponentials(A: np.ndarray) -> np.ndarray:
-    """e^A and the functions phi_1 to phi_4 of A side by side, (..., n, (DEGREE + 2) n), by scaling and squaring.
+    """Upper rows (..., n, (DEGREE + 2) n) of the exponential of a chain of A and units, whose others are integrals.
 
-    With phi_k(A) = A^0/k! + A^1/(k + 1)! + ...; these are the upper rows of the exponential of a chain of A and units,
-    with its errors, but of small matrices, and of all specimens at once. Of several specimens those without a step in
-    A have the same functions, of real numbers.
+    Of several specimens those without a step in A have the same one, of real numbers.
     """
     n = A.shape[-1]
     if A.ndim == 2:
-        return _phi_functions(A[None])[0]
+        chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), A.dtype)
+        chain[:n, :n] = A
+        for k in range(DEGREE + 1):
+            chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
+        return np.asarray(expm(chain))[:n]
     varied = np.any(np.imag(A), axis=(1, 2))
     found = np.empty((len(A), n, (DEGREE + 2) * n), complex)
     if not np.all(varied):
         found[~varied] = _exponentials(np.real(A[0]))
-    if np.any(varied):
-        found[varied] = _phi_functions(A[varied])
+    for k in np.flatnonzero(varied):
+        found[k] = _exponentials(A[k])
     return found
-
-
-def _phi_functions(A: np.ndarray) -> np.ndarray:
-    """As `_exponentials`, of specimens that differ in small complex steps only."""
-    n, order = A.shape[-1], DEGREE + 1
-    halvings = _halvings(np.real(A[0]))
-    if halvings is None:
-        return np.full((*A.shape[:-1], (order + 1) * n), np.nan, A.dtype)
-    X, one = A * 0.5**halvings, np.eye(n)
-    phi = np.broadcast_to(one / factorial(order + TAYLOR_DEGREE), A.shape).astype(A.dtype)
-    for j in range(order + TAYLOR_DEGREE - 1, order - 1, -1):
-        phi = X @ phi + one / factorial(j)
-    each = [phi]
-    for k in range(order - 1, 0, -1):
-        each.insert(0, X @ each[0] + one / factorial(k))
-    grown = X @ each[0]  # e^A - 1: slow states beside fast ones would lose a digit in every third squaring of e^A
-    for _ in range(halvings):
-        each = [
-            0.5**k * (grown @ each[k - 1] + each[k - 1] + sum(each[j - 1] / factorial(k - j) for j in range(1, k + 1)))
-            for k in range(1, order + 1)
-        ]
-        grown = grown @ grown + 2.0 * grown
-    return np.concatenate([grown + one, *each], axis=-1)
-
-
-def _halvings(A: np.ndarray) -> int | None:
-    """How often a matrix is halved before its Taylor series; None of one that leaves the range of numbers.
-
-    Roots of norms of powers bound the terms, too, those from the power p (p - 1) on, and are less than a norm where
-    states couple in one direction mostly: halvings too many cost digits (Al-Mohy & Higham, SIAM J. Matrix Anal. Appl.
-    31(3), 970-989, 2009).
-    """
-    size = _norm(A)
-    if not np.isfinite(size):
-        return None
-    fourth = np.linalg.matrix_power(A, 4)
-    powers = max(_norm(fourth) ** 0.25, _norm(fourth @ A) ** 0.2)
-    size = min(size, powers) if np.isfinite(powers) else size
-    return max(0, int(np.ceil(np.log2(size / TAYLOR_NORM)))) if size > 0.0 else 0
-
-
-def _norm(A: np.ndarray) -> float:
-    """Largest sum of magnitudes in a column."""
-    return float(np.abs(A).sum(axis=0).max(initial=0.0))
 
 
 def inverse_of(matrices: Matrices) -> np.ndarray:
