@@ -159,7 +159,7 @@ def _explains(before: Quality, after: Quality, count: float) -> bool:
         for each in (before, after)
     )
     scatter = len(after.noise) * np.sqrt(2.0 / max(count, 1.0))  # of as many mean squares of as many samples each
-    return has <= (1.0 - thresholds.MIN_LAW_GAIN) * had + thresholds.NOISE_DEVIATIONS * scatter
+    return bool(has <= (1.0 - thresholds.MIN_LAW_GAIN) * had + thresholds.NOISE_DEVIATIONS * scatter)
 
 
 def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:

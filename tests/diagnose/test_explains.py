@@ -26,7 +26,14 @@ def quality(displacement, voltage, noise=NOISE):
     ],
 )
 def test_what_the_first_model_had_left_has_to_be_gone(before, after, enough):
-    assert _explains(before, after) is enough
+    assert _explains(before, after, 1e5) is enough
+
+
+def test_what_noise_may_leave_is_no_error():
+    """Known effects had explained all but a few per cent: of 750 samples a channel noise leaves 5 %, of millions none."""
+    before, after = quality(1.04, 1.03), quality(1.02, 1.02)
+    assert _explains(before, after, 1500.0)
+    assert not _explains(before, after, 2e6)
 
 
 @pytest.mark.parametrize(("gain", "text"), [(1.0, "100 %"), (0.99998, "99.998 %"), (0.97, "97 %"), (0.031, "3 %")])
