@@ -30,7 +30,7 @@ def test_what_the_first_model_had_left_has_to_be_gone(before, after, enough):
 
 
 def test_what_noise_may_leave_is_no_error():
-    """Known effects had explained all but a few per cent: of 750 samples a channel noise leaves 5 %, of millions none."""
+    """Known effects had explained all but a few per cent: of 750 samples noise leaves 5 %, of a million 0.1 %."""
     before, after = quality(1.04, 1.03), quality(1.02, 1.02)
     assert _explains(before, after, 1500.0)
     assert not _explains(before, after, 2e6)
