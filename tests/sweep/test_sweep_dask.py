@@ -44,8 +44,12 @@ class Cluster:
     def __init__(self, folder):
         self.folder, self.file, self.processes = folder, folder / "scheduler.json", {}
         self.start("scheduler", "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self.file)
-        wait_for(self.file.exists, self.processes["scheduler"])
+        wait_for(self._is_written, self.processes["scheduler"])
         self.address = json.loads(self.file.read_text())["address"]
+
+    def _is_written(self):
+        """Whether the scheduler's file is there and ends: it is not written at once."""
+        return self.file.exists() and self.file.read_text().rstrip().endswith("}")
 
     def start(self, name, *arguments):
         command = [sys.executable, "-m", "dask", *map(str, arguments), "--no-dashboard"]
