@@ -39,7 +39,7 @@ from piezoharvest.identify.identification import identify
 from piezoharvest.identify.preparation import prepared
 from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
-from piezoharvest.identify.start_values.quasi_static import as_quasi_static
+from piezoharvest.identify.start_values.quasi_static import as_quasi_static, is_better_left_out
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.progress import Step
 from piezoharvest.records.campaign import Campaign
@@ -223,8 +223,7 @@ def _diagnose_all(
     before = identified(campaign, offsets, progress)
     found = _diagnose_extending_fit(before, progress, library)
     converged, left_out = found.search.final.converged, before.campaign.transducer.quasi_static
-    assumed = found.verdict == "unexplained" and not any(p.path[-1] in INERT for p in before.found.model.parameters)
-    if (converged and not assumed) or left_out or before.campaign.drives_base:
+    if left_out or before.campaign.drives_base or (converged and not _nominal_inertia_is_wrong(found)):
         return found
     why = "nominal mass and damping may be wrong" if converged else "the fit does not converge"
     progress(f"{why}: repeated without inertia and damping, which may be the cause")
@@ -232,6 +231,16 @@ def _diagnose_all(
     other = _diagnose_extending_fit(identified(quasi_static, offsets, progress), progress, library)
     better = other.verdict != "unexplained" if converged else other.search.final.converged
     return other if better else found
+
+
+def _nominal_inertia_is_wrong(found: Diagnosis) -> bool:
+    """True where something is unexplained, and less would be without nominal mass and damping that were kept."""
+    if found.verdict != "unexplained" or any(p.path[-1] in INERT for p in found.before.found.model.parameters):
+        return False
+    still = as_quasi_static(found.campaign.transducer)
+    campaign = replace(found.campaign, transducer=still)
+    problem = Problem(prepared(campaign, "fit"), still, found.before.offsets)
+    return is_better_left_out(found.problem, problem, found.search.final)
 
 
 def _diagnose_extending_fit(

@@ -13,7 +13,7 @@ from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square, noise_of_responses, standard_errors
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.growing_fit import beginning, first_lengths, growing_fit
-from piezoharvest.identify.identifiability import assumed, combination, experiment
+from piezoharvest.identify.identifiability import assumed, combination, experiment, undetermined
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.parameter_selection import Selection, select_parameters
 from piezoharvest.identify.preparation import prepared
@@ -88,7 +88,7 @@ def identify(
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, progress, poor) if near is None else _fit_near(problem, model, near, progress)
     still = _quasi_static_fit(campaign, problem, first) if may_be_quasi_static(problem, first) else None
-    if still is not None and not comes_to_rest(problem):
+    if still is not None and not (comes_to_rest(problem) and _stiffness_is_known(still)):
         return _identify_quasi_static(campaign, progress, offsets)
     held = still and nominal_fit(problem, first, still)
     if held is not None:
@@ -152,6 +152,12 @@ def identification_of(
         combined_quality([r for r in shown if r.role == "validate"]),
         tuple(shown), last.noise, last.converged, last.message, last, offsets,
     )  # fmt: skip
+
+
+def _stiffness_is_known(found: Fit) -> bool:
+    """True if a fit determines the stiffness, without which the lag b/k of a nominal damping says nothing."""
+    unknown = {found.model.parameters[k].path[-1] for k in undetermined(found)}
+    return not unknown & {"stiffness", "coupling"}
 
 
 def _quasi_static_fit(campaign: Campaign, problem: Problem, found: Fit) -> Fit | None:

@@ -130,6 +130,21 @@ def nominal_fit(problem: Problem, found: Fit, quasi_static: Fit) -> Fit | None:
     return other if excess_of(other) < excess + allowed else None
 
 
+def is_better_left_out(problem: Problem, quasi_static: Problem, found: Fit) -> bool:
+    """True if records contradict the nominal masses and dampings of a fit: the quasi-static specimen leaves less.
+
+    Parameters
+    ----------
+    problem : Problem
+    quasi_static : Problem
+        The same records, prepared for the quasi-static specimen.
+    found : Fit
+        With effects that were found since the nominal values were kept.
+    """
+    other = _fit_quasi_statically(problem, quasi_static, found)
+    return other is not None and excess_of(other) < excess_of(found) - MIN_CONTRADICTION
+
+
 def is_far_from_quasi_static(problem: Problem, beginnings: Problem, found: Fit) -> bool:
     """True if a quasi-static specimen leaves far more of the records' beginnings than a fit leaves of all.
 
