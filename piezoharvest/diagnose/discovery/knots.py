@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Bends, Corners
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, outward
 from piezoharvest.description.effects.nameless.places import Place
 
 KNOTS = 11  # the ends included: the smoothness is by the prior, so that more would only cost time
@@ -51,6 +51,12 @@ def _first_pieces(low: float, high: float, *, straight: bool) -> list[float]:
     return first + [low] * (low > 0.0) + [high] * (high < 0.0)
 
 
+def pieces_of(form: Corners | Bends, x: np.ndarray) -> np.ndarray:
+    """What each kink of a table adds at inputs (n,), for a kink of one: (n, k)."""
+    pieces = np.maximum(outward(form.knots) * (x[:, None] - np.array(form.knots)), 0.0)
+    return 0.5 * pieces**2 if isinstance(form, Bends) else pieces
+
+
 def moved(table: Corners | Bends, visited: np.ndarray) -> Corners | Bends:
     """The table with as many corners elsewhere: where it bends most they are closest, so that each piece bends as much.
 
@@ -72,6 +78,5 @@ def moved(table: Corners | Bends, visited: np.ndarray) -> Corners | Bends:
     chosen = (*knots[first].tolist(), *(float(k) for k in places if k != 0.0))
     again = type(table)(knots=chosen, kinks=(0.0,) * len(chosen))
     x = np.unique([*ends, *places, *(0.5 * (ends[1:] + ends[:-1]))])
-    pieces = np.column_stack([replace(again, kinks=tuple(one)).values(x) for one in np.eye(len(chosen))])
-    kinks = np.linalg.lstsq(pieces, table.values(x))[0]
+    kinks = np.linalg.lstsq(pieces_of(again, x), table.values(x))[0]
     return replace(again, kinks=tuple(map(float, kinks)))

@@ -49,7 +49,7 @@ ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 # Share of a large misfit from which a table is condensed at once: of what is left to others none explains more.
 MOST_EXPLAINED = 0.5
-MOVES = 6  # of a table's corners: a sharp bend comes closer by about a third with each
+MOVES = 6  # of a table's corners: by five those beside a jump come to a thirtieth of their distance from it
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported

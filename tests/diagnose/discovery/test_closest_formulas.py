@@ -15,11 +15,11 @@ from piezoharvest.description.effects.nameless.places import Damper, Load, OverT
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.parameters import altered
 from piezoharvest.diagnose.discovery.forms.closest import closest
-from piezoharvest.diagnose.discovery.forms.distance import Distance, pieces_of
+from piezoharvest.diagnose.discovery.forms.distance import Distance
 from piezoharvest.diagnose.discovery.forms.families import families
 from piezoharvest.diagnose.discovery.forms.family import Family, column
 from piezoharvest.diagnose.discovery.forms.projection import Members
-from piezoharvest.diagnose.discovery.knots import table_for
+from piezoharvest.diagnose.discovery.knots import pieces_of, table_for
 
 DIODE, CAMPAIGN = Diode(reach=1.0), OverTime(parameter="stiffness", of="campaign_time")
 SAMPLES = 4000.0

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.description.effects import DiodeDropError
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, outward
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose.discovery.knots import pieces_of
 from piezoharvest.diagnose.discovery.law_fits import LawFit
 from piezoharvest.predict.parameters import Path
 
@@ -34,12 +35,6 @@ def recorded(times: np.ndarray) -> tuple[float, float]:
     steps = np.diff(np.unique(times))
     sample = float(np.median(steps))
     return float(steps[steps < GAP * sample].sum()), sample
-
-
-def pieces_of(form: Corners | Bends, x: np.ndarray) -> np.ndarray:
-    """What each kink of a table adds at inputs (n,), for a kink of one: (n, k)."""
-    pieces = np.maximum(outward(form.knots) * (x[:, None] - np.array(form.knots)), 0.0)
-    return 0.5 * pieces**2 if isinstance(form, Bends) else pieces
 
 
 class Distance:

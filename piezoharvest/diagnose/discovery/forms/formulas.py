@@ -19,13 +19,12 @@ from piezoharvest.diagnose.discovery.forms.distance import (
     Distance,
     drop_path,
     of_itself,
-    pieces_of,
     recorded,
     spread_inputs,
 )
 from piezoharvest.diagnose.discovery.forms.families import STEP_WIDTH, families
 from piezoharvest.diagnose.discovery.forms.moments import better_moment
-from piezoharvest.diagnose.discovery.knots import table_for
+from piezoharvest.diagnose.discovery.knots import pieces_of, table_for
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
