@@ -27,6 +27,7 @@ from record_cases import (
 
 from piezoharvest.description.shunts import SSDI, Open, Short
 from piezoharvest.records.checks import check
+from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.finding import runs
 from piezoharvest.study import build_transducer
 
@@ -543,3 +544,20 @@ def test_noise_that_is_stated_in_another_unit(excitation):
 
     assert check(stated(1.0), device) == check(of, device) == ()
     assert only(stated(1e-3), device, "sigma", "voltage", "warning").message.startswith("found noise")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_far_below_a_drive_that_begins_and_ends_at_once(seed):
+    """Tones up to 2.5 kHz at 40 kHz, cut anywhere, 80 dB above noise that is stated rightly or a hundred times less."""
+    random = np.random.default_rng(seed)
+    clean, _ = generator(STACK, resistor(), sine(), duration=0.125)
+    time = np.arange(5000) / 40e3
+    frequency, phase = random.uniform(500.0, 2500.0, (64, 1)), random.uniform(0.0, 2.0 * np.pi, (64, 1))
+    force = np.sin(2.0 * np.pi * frequency * time + phase).sum(axis=0)
+    sigma = 1e-4 * np.std(force)
+    for factor, found in ((1.0, 0), (0.01, 1)):
+        signal = replace(
+            clean.signals["force"], values=force + sigma * random.standard_normal(5000), sigma=factor * sigma
+        )
+        of = replace(clean, time=replace(clean.time, values=time), signals={"force": signal})
+        assert len(list(stated_noise(of))) == found
