@@ -180,6 +180,18 @@ class DiscreteModel:
 
         return replace(self.matrices, **{name: magnified(name) for name in VARYING})
 
+    @cached_property
+    def influential(self) -> np.ndarray:
+        """States on which channels or inputs of elements depend at some time, (states,) of bool.
+
+        Derivatives of others make none of what is predicted: such as those of a memory whose law has the factor zero.
+        """
+        follows = np.real(self.matrices.A) != 0.0
+        found = np.any(self.matrices.O[:, : len(follows)] != 0.0, axis=0)
+        while np.any(more := np.any(follows[found], axis=0) & ~found):
+            found = found | more
+        return found
+
     def acts(self, derivatives: bool) -> np.ndarray:
         """Elements whose outputs act on states or inputs, or would by a parameter, (elements,) of bool."""
         acting = np.any(self.matrices.W != 0.0, axis=0) | np.any(self._reaching(derivatives), axis=0)

@@ -43,8 +43,9 @@ class Pace(NamedTuple):
 
 
 def pace_of(
-    h: float, share: float, step: SampleStep, derivatives: SampleStep, inputs: int, reached: np.ndarray
-) -> Pace:
+    h: float, share: float, step: SampleStep, derivatives: SampleStep, inputs: int, reached: np.ndarray,
+    influential: np.ndarray,
+) -> Pace:  # fmt: skip
     """Arrange a step and its derivatives.
 
     Parameters
@@ -57,6 +58,8 @@ def pace_of(
         Inputs of the elements and their rates.
     reached : (inputs / 2,) array of bool
         Inputs that outputs of elements reach directly.
+    influential : (n,) array of bool
+        States whose derivatives are propagated.
     """
     n = len(step.M)
     count = step.H.shape[1] // 3
@@ -73,10 +76,11 @@ def pace_of(
     free = np.vstack([free, _within(len(before), free.shape[1], before, n)])
     feed = np.vstack([feed, np.hstack([S, S, 0.0 * S]), np.hstack([-3.0 * S, -S, S])])
     to_inputs = np.hstack([_within(len(feed), n, direct[:, :n]), feed])
-    dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
+    dM, dH = (_tangent(A * influential[:, None, None]) for A in (derivatives.M, derivatives.H))
+    dO, moved, bent = _tangent(derivatives.O), M[:, :size] * influential[:, None], H * influential[:, None]
     slopes = ElementSlopes(
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
-        _sparse(M[:, :size]), _sparse(H, n), _sparse(to_inputs), _sparse(outputs[:, :size]),
+        _sparse(moved), _sparse(bent, n), _sparse(to_inputs), _sparse(outputs[:, :size]),
         _tangent(derivatives.O[np.flatnonzero(reached), n:size]), _sparse(before, n),
     )  # fmt: skip
     return Pace(StepMatrices(h, share, False, M, H, free, outputs, feed), slopes, direct)

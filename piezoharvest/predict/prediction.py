@@ -335,7 +335,8 @@ class _Propagation:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
             h, share = setting.sample_time / parts, self._of.share / parts
-            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs, self._run.reached)
+            influential = self._of._lowered.influential
+            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs, self._run.reached, influential)
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:

@@ -55,36 +55,52 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
         Step as fraction of the record.
     """
     A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
-    n = A.shape[-1]
-    top = _exponentials(A * h)
-    # G[k]: integral of e^(A (h - s)) (s/h)^k ds.
-    G = [h * factorial(k) * top[..., (k + 1) * n : (k + 2) * n] for k in range(DEGREE + 1)]
-    drive, rate, one, time = (B[..., k : k + 1] for k in range(4))
-    parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
-    constant = G[0] @ one + share * (G[1] @ time)
-    M = np.concatenate([top[..., :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time], axis=-1)
-    H = np.concatenate([G[1] @ W, (G[1] - G[2]) @ W, (G[2] - G[3]) @ W], axis=-1)
+    exponential, forced = _responses(A * h, np.concatenate([B, W], axis=-1))
+    # G[k]: integral of e^(A (h - s)) (s/h)^k ds, applied to what drive, rate, 1, time and the elements' outputs act by.
+    G = [h * factorial(k) * each for k, each in enumerate(forced)]
+    drive, rate, one, time = ([each[..., k : k + 1] for each in G] for k in range(4))
+    outputs = [each[..., 4:] for each in G]
+    parts = [drive[0], *(drive[k] + (k / h) * rate[k - 1] for k in range(1, DEGREE + 1))]
+    M = np.concatenate([exponential, outputs[0] - outputs[1], *parts, one[0] + share * time[1], time[0]], axis=-1)
+    H = np.concatenate([outputs[1], outputs[1] - outputs[2], outputs[2] - outputs[3]], axis=-1)
     return SampleStep(M, H, matrices.O, matrices.parameters)
 
 
-def _exponentials(A: np.ndarray) -> np.ndarray:
-    """Upper rows (..., n, (DEGREE + 2) n) of the exponential of a chain of A and units, whose others are integrals.
+def _responses(A: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Exponential of A, and its integrals phi_1 to phi_(DEGREE + 1) applied to forces (..., n, c).
 
-    Of several specimens those without a step in A have the same one, of real numbers.
+    Of a chain of A and units, whose exponential has them in its first rows: units for each state, or where there are
+    fewer forces, such as of many memories beside one drive, for each force. With columns of norm 1 as the units have,
+    forces do not enlarge the chain's norm, from which `expm` squares.
     """
-    n = A.shape[-1]
+    n, c = forces.shape[-2:]
+    if c >= n:
+        top = _exponentials(A, np.broadcast_to(np.eye(n), A.shape))
+        return top[..., :n], [top[..., k * n : (k + 1) * n] @ forces for k in range(1, DEGREE + 2)]
+    size = np.abs(forces).sum(axis=-2).reshape(-1, c).max(axis=0)
+    size[~((size > 0.0) & np.isfinite(size))] = 1.0
+    top = _exponentials(A, forces / size)
+    return top[..., :n], [size * top[..., n + k * c : n + (k + 1) * c] for k in range(DEGREE + 1)]
+
+
+def _exponentials(A: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Upper rows of the exponential of a chain: A, its first link (..., n, c) and units.
+
+    Of several specimens those without a step have the same one, of real numbers.
+    """
+    n, c = first.shape[-2:]
     if A.ndim == 2:
-        chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), A.dtype)
+        chain = np.zeros((n + (DEGREE + 1) * c, n + (DEGREE + 1) * c), np.result_type(A, first))
         chain[:n, :n] = A
-        for k in range(DEGREE + 1):
-            chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
+        chain[:n, n : n + c] = first
+        chain[n:-c, n + c :] = np.eye(DEGREE * c)
         return np.asarray(expm(chain))[:n]
-    varied = np.any(np.imag(A), axis=(1, 2))
-    found = np.empty((len(A), n, (DEGREE + 2) * n), complex)
+    varied = np.any(np.imag(A), axis=(1, 2)) | np.any(np.imag(first), axis=(1, 2))
+    found = np.empty((len(A), n, n + (DEGREE + 1) * c), complex)
     if not np.all(varied):
-        found[~varied] = _exponentials(np.real(A[0]))
+        found[~varied] = _exponentials(np.real(A[0]), np.real(first[0]))
     for k in np.flatnonzero(varied):
-        found[k] = _exponentials(A[k])
+        found[k] = _exponentials(A[k], first[k])
     return found
 
 

@@ -16,7 +16,7 @@ from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.electrical.dielectric_relaxation import DielectricRelaxation
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Line, Power, TwoKnees
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Play
+from piezoharvest.description.effects.nameless.memory import Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import (
     Capacitor,
     Coupling,
@@ -363,6 +363,30 @@ def test_derivatives_of_two_effects_at_null_that_multiply_rows_of_zero():
         wanted = (sides[0] - sides[1]) / (2 * step)
         column = ("displacement", "voltage").index(channel)
         assert slopes[:, column, k] == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max()), channel
+
+
+@pytest.mark.parametrize("place", [Spring(), Capacitor()], ids=lambda place: place.name)
+def test_derivatives_of_many_memories_without_a_strength(place):
+    """Each is that of a small strength with its memory alone: the states of the others change nothing."""
+    step, bare = (0.01 if place.name == "spring" else 1e-11), build_transducer(BEAM)
+    memories = [Relaxation(time_constant=tau) for tau in np.geomspace(1e-4, 0.03, 7)]
+    memories += [Resonance(frequency=f, damping_ratio=0.05) for f in np.geomspace(5.0, 200.0, 7)]
+    laws = [Law(place=place, form=Line(factor=0.0), memory=memory) for memory in memories]
+    own = [Parameter((name,), "", "log", -np.inf, np.inf) for name in ("stiffness", "capacitance")]
+    strengths = [Parameter(("effects", k, "form", "factor"), "", "linear", -1e9, 1e9) for k in range(len(laws))]
+    force = 0.01 * np.random.default_rng(8).standard_normal(400).cumsum()
+
+    def seen(effects, parameters=()):
+        found, slopes = predicted(replace(bare, effects=tuple(effects)), "force", force, parameters=parameters)
+        return np.column_stack(list(found.values())), slopes
+
+    _, slopes = seen(laws, [*own, *strengths])
+    for k, law in enumerate(laws):
+        high, low = (seen([put(law, ("form", "factor"), sign * step)])[0] for sign in (1.0, -1.0))
+        wanted = (high - low) / (2.0 * step)
+        assert np.all(np.abs(slopes[..., 2 + k] - wanted).max(axis=0) < 1e-5 * np.abs(wanted).max(axis=0))
+    _, alone = seen([], own)
+    assert np.all(np.abs(slopes[..., :2] - alone).max(axis=0) < 1e-9 * np.abs(alone).max(axis=0))
 
 
 @pytest.mark.parametrize(
