@@ -46,6 +46,8 @@ MEASUREMENTS = {
     "dc_voltage": "AVG V(vdc)",
 }
 
+FROM_REST = "from rest"  # in the comment on the analysis of a netlist that does not start in the steady state
+
 
 class Accuracy(NamedTuple):
     """Tolerances of the time steps.
@@ -251,7 +253,7 @@ def _write_window(
         if value < least:
             raise ParameterError(key, f"found {value}, must be a whole number of at least {least}")
     start = point.start
-    begins = "from rest" if start is None else f"from a steady state, {number(start.time)} s after phase zero"
+    begins = FROM_REST if start is None else f"from a steady state, {number(start.time)} s after phase zero"
     deck.comment(f"{periods} periods of {number(period)} s {begins}, of which the last {measured} are measured.")
     if periods < wanted:
         deck.comment(
