@@ -77,6 +77,7 @@ LAYERS = [
         "identify.hysteresis",
         "identify.identifiability",
         "identify.preparation",
+        "identify.resonance_figures",
         "identify.saving",
     },
     {"identify.result", "identify.start_values"},

@@ -270,7 +270,7 @@ def _lines_of(table: Mapping[str, Any], cls: type[Component] | None, ideal: Mapp
             lines += [_element(part, ideal) for part in value]
             continue
         if key == "others":
-            lines += _keys_of_others(value, ideal)
+            lines += _keys_of_others(table[key], ideal)
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
