@@ -7,7 +7,9 @@ import pytest
 
 from piezoharvest import Campaign, Mode, Transducer, identify
 from piezoharvest.cli.on_campaigns.identification_output import identification_json
+from piezoharvest.description.figures.base import POSITIVE_COUPLING
 from piezoharvest.identify.resonance_figures import resonance_figures
+from piezoharvest.identify.saving import specimen_of
 
 M, B, K, T, C = 0.118, 2.9, 1.52e5, 0.031, 62e-9
 ONE = Transducer(mass=M, damping=B, stiffness=K, coupling=T, capacitance=C)
@@ -72,3 +74,26 @@ def test_from_mobilities_the_coupling_is_known_better_than_what_it_is_made_of():
     table = identification_json(found)["resonances"]["open_circuit_frequency"]
     assert table == {"value": known["open_circuit_frequency"].value, "std": known["open_circuit_frequency"].std,
                      "unit": "Hz"}  # fmt: skip
+
+
+@pytest.mark.parametrize("sensed", ["velocity", "voltage"])
+def test_a_specimen_that_is_known_as_a_whole_assumes_nothing_but_a_sign(sensed):
+    """What a modal test assumes is behind nominal values: only the sign of T stays one that no record tells."""
+    f = np.linspace(150, 215, 300)
+    s, rng = 2j * np.pi * f, np.random.default_rng(8)
+    records = []
+    for load in (1e3, 2e5):
+        v = s / (K + B * s + M * s**2 + T**2 * s / (s * C + 1 / load))
+        response = v if sensed == "velocity" else -T * v / (s * C + 1 / load)
+        response = response * (1 + 0.002 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)))
+        data = {"frequency_Hz": f, "response": response}
+        records.append({"data": data, "kind": "frf", "output": sensed, "load_resistance": load})
+    nominal = Transducer.from_modal(
+        short_circuit_frequency=180.0, open_circuit_frequency=189.0, quality=45.0, modal_mass=M, capacitance=69e-9,
+        capacitance_is="free",
+    )  # fmt: skip
+    assert len(nominal.assumptions) == 2
+    found = identify(Campaign.from_arrays(nominal, records))
+    assert all(estimate.identifiable for estimate in found.estimates)
+    kept = specimen_of(found.found, found.estimates, found.campaign).transducer.assumptions
+    assert kept == ((POSITIVE_COUPLING,) if sensed == "velocity" else ())
