@@ -104,7 +104,7 @@ def test_markup_in_a_result_is_text(response):
 
 def test_without_pandas_it_is_said(response, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(ImportError, match="to_frame needs pandas"):
+    with pytest.raises(ImportError, match=r"to_frame needs pandas, .*piezoharvest\[notebook\]"):
         response.to_frame()
 
 
