@@ -56,7 +56,9 @@ def frame(data: Any, **options: Any) -> Any:
     try:
         import pandas
     except ImportError:
-        raise ImportError("to_frame needs pandas, which is not installed: pip install pandas") from None
+        raise ImportError(
+            "to_frame needs pandas, which is not installed: pip install 'piezoharvest[notebook]'"
+        ) from None
     return pandas.DataFrame(data, **options)
 
 

@@ -634,6 +634,17 @@ class TestExport:
         )
         refused("export", study, "--out", "x", "--shunt", "-1")
 
+    def test_a_run_from_rest_is_told(self, study, run, tmp_path):
+        """A supply begins with an empty store, and at the end of the run it is not what `simulate` finds."""
+        shunt = 'kind = "rectifier"\nsmoothing_capacitance = 1e-6\nload_resistance = 1e5\n'
+        store = "storage = { turn_on = 5.0, turn_off = 3.6, power = 1e-6 }\n"
+        head = STUDY[: STUDY.index("[[shunts]]")]
+        (tmp_path / study).write_text(f"{head}[[shunts]]\n{shunt}{store}[[shunts]]\n{shunt}")
+        status, out, err = run("export", study, "--out", "first.cir", "--shunt", "0")
+        assert (status, out) == (0, "first.cir\n")
+        assert "shunts.0 (rectifier): the netlist starts from rest, not in the steady state" in err
+        assert run("export", study, "--out", "second.cir", "--shunt", "1") == (0, "second.cir\n", "")
+
     def test_schematic(self, study, run, refused, tmp_path):
         """The name says for which program it is; read back, it is told from a netlist."""
         assert run("export", study, "--out", "s.asc", "--shunt", "1", "--dialect", "ltspice")[0] == 0

@@ -348,15 +348,19 @@ def test_rough_values_of_a_response(output, order):
 
 
 @pytest.mark.spice
-def test_waveforms_of_an_exported_netlist_are_known(tmp_path):
+@pytest.mark.parametrize(("kind", "drive"), [("sine_force", "force"), ("sine_base", "base_acceleration")])
+def test_waveforms_of_an_exported_netlist_are_known(tmp_path, kind, drive):
     """Ngspice runs what `export` has written; its readings are the channels, in SI units."""
     study = tmp_path / "study.toml"
     assert run("new", "harvest", "--out", study) == 0
+    text = study.read_text()
+    assert 'kind = "sine_force"' in text
+    study.write_text(text.replace('kind = "sine_force"', f'kind = "{kind}"').replace('"20 mN"', "0.02"))
     assert run("export", study, "--shunt", 1, "--out", tmp_path / "run.cir") == 0
     command = ["ngspice", "-b", "run.cir", "-r", "run.raw"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
     found = look_into(tmp_path / "run.raw")
-    expected = {"time", "force", "displacement", "voltage", "current"}
+    expected = {"time", drive, "displacement", "voltage", "current"}
     assert expected <= set(found.columns) <= expected | {"dc_voltage"}
     system = load_study(study)
     response = simulate(System(system.transducer, system.shunts[1]), system.excitation)

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from piezoharvest import DesignOptions, ParallelSSHI, SineForce, Study, System, Transducer, design, simulate
+from piezoharvest import Campaign, DesignOptions, ParallelSSHI, SineForce, Study, System, Transducer, design, simulate
 from piezoharvest.design.result import DesignResult
 from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.specimen import Specimen
@@ -27,6 +27,41 @@ def response():
 def designed() -> DesignResult:
     options = DesignOptions(candidates=("resistor", "short"))
     return design(Study(transducer=TRANSDUCER, excitation=FORCE, design=options))
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    f, n = np.linspace(40.0, 60.0, 30), np.arange(400)
+    data = {"force_N": 0.02 * np.sin(0.2 * n), "displacement_m": 3e-5 * np.sin(0.2 * n)}
+    time = {"data": data, "sample_rate": 1000.0, "load_resistance": 1e5, "name": "shaker"}
+    s = 2j * np.pi * f
+    response = {"frequency_Hz": f, "response": s / (986.96 + 0.0628 * s + 0.01 * s**2)}
+    spectrum = {"data": response, "kind": "frf", "output": "velocity", "shunt": {"kind": "short"}, "name": "hammer"}
+    return Campaign.from_arrays(TRANSDUCER, [time, spectrum], title="bench")
+
+
+class TestCampaign:
+    """Records hold thousands of samples, which a text or a table of them does not list."""
+
+    def test_text_is_a_line(self, campaign):
+        assert repr(campaign) == "<Campaign: bench, 2 records, 0 warnings>"
+        assert [repr(record) for record in campaign.records] == [
+            "<Record: shaker, 400 samples, driven by force>", "<FrequencyRecord: hammer, 30 lines of velocity/force>",
+        ]  # fmt: skip
+
+    def test_table(self, campaign):
+        assert [(row["record"], row["drive"], row["load"]) for row in campaign.rows] == [
+            ("shaker", "force", "resistor"), ("hammer", "frf", "short"),
+        ]  # fmt: skip
+        assert "<td>hammer</td>" in campaign._repr_html_()
+        assert "<td>displacement</td><td>-3e-05</td>" in campaign.records[0]._repr_html_()
+
+    def test_frames_hold_what_was_measured(self, campaign):
+        pytest.importorskip("pandas")
+        time, spectrum = (record.to_frame() for record in campaign.records)
+        np.testing.assert_array_equal(time["force"], campaign.records[0]["force"])
+        np.testing.assert_array_equal(spectrum["velocity/force"], campaign.records[1].response)
+        assert (time.index.name, spectrum.index.name, len(time), len(spectrum)) == ("time", "frequency", 400, 30)
 
 
 class TestResponse:
@@ -69,7 +104,7 @@ def test_markup_in_a_result_is_text(response):
 
 def test_without_pandas_it_is_said(response, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(ImportError, match="to_frame needs pandas"):
+    with pytest.raises(ImportError, match=r"to_frame needs pandas, .*piezoharvest\[notebook\]"):
         response.to_frame()
 
 

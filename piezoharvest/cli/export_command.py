@@ -13,6 +13,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import check_file, write_text
+from piezoharvest.records.finding import counted
 from piezoharvest.study import Study, StudyError
 
 MOST_BYTES = 1 << 20  # of a netlist
@@ -29,6 +30,7 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
             study.path, f"shunts.{n}", f"the study has no such shunt, --shunt may be 0 to {len(study.shunts) - 1}"
         )
     from piezoharvest.spice import export_spice
+    from piezoharvest.spice.export import FROM_REST
 
     try:
         text = export_spice(study.transducer, study.shunts[n], study.excitation, title=study.title, **options)
@@ -43,6 +45,11 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
         note(
             f"warning: only shunts.0 ({study.shunts[0].kind}) of {len(study.shunts)} shunts is written; "
             "--shunt N selects another"
+        )
+    if FROM_REST in text.partition("\n")[2] and study.excitation.period is not None:
+        note(
+            f"warning: shunts.{n} ({study.shunts[n].kind}): the netlist starts from rest, not in the steady state of "
+            "piezoharvest simulate: its results are those of the end of its run"
         )
     print(out)
     return 0 if tolerance is None else _check(study, n, options.get("diodes"), tolerance)
@@ -97,7 +104,8 @@ def import_netlist(
     table = {"shunts": [{"kind": "spice", **own, "load": list(shunt.load), "netlist": text}]}
     written = tomli_w.dumps(table, multiline_strings=True)
     parts, choices = len(shunt.branches), len(shunt.configurations())
-    note(f"{path}: {parts} parts, {len(shunt.states(1.0))} states, {choices} configuration{'s' if choices > 1 else ''}")
+    sizes = ((parts, "part"), (len(shunt.states(1.0)), "state"), (choices, "configuration"))
+    note(f"{path}: {', '.join(counted(*size) for size in sizes)}")
     if out is None:
         print(written, end="")
     else:

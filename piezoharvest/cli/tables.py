@@ -6,12 +6,14 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from piezoharvest.description.netlist import UNITS
 from piezoharvest.description.shunts import registered
+from piezoharvest.study.building import component_in
 
 if TYPE_CHECKING:
+    from piezoharvest.description.parameters import Component
     from piezoharvest.engine.response import Response
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -255,20 +257,30 @@ def _worst_columns(cases: Sequence[Mapping[str, Any] | None]) -> list[Column]:
 
 def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
     """Keys of a shunt, one a line, with their units, and the ideal values of those that were rounded."""
-    cls = registered().get(shunt["kind"])
+    return "\n".join(_lines_of(shunt, registered().get(shunt["kind"]), ideal))
+
+
+def _lines_of(table: Mapping[str, Any], cls: type[Component] | None, ideal: Mapping[str, float]) -> list[str]:
+    """Keys of a circuit, or of a part of one such as its storage, each a line."""
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
-    lines = []
-    for key, value in shunt.items():
+    hints = get_type_hints(cls) if cls else {}
+    lines: list[str] = []
+    for key, value in table.items():
         if key == "netlist" and not isinstance(value, str):
             lines += [_element(part, ideal) for part in value]
             continue
         if key == "others":
-            lines += _keys_of_others(shunt[key], ideal)
+            lines += _keys_of_others(table[key], ideal)
             continue
         if key == "netlist":  # that of a circuit simulator
             value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
         if isinstance(value, Mapping) and "currents" in value:  # a curve
             value = f"{len(value['currents'])} points"
+        if parts := _parts_of(key, value):
+            for path, part in parts.items():
+                own = {name.removeprefix(f"{path}."): x for name, x in ideal.items() if name.startswith(f"{path}.")}
+                lines += [f"{path}.{line}" for line in _lines_of(part, component_in(hints.get(key)), own)]
+            continue
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
@@ -280,7 +292,15 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
             value = ", ".join(tuned)
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
-    return "\n".join(lines)
+    return lines
+
+
+def _parts_of(key: str, value: Any) -> dict[str, Mapping[str, Any]]:
+    """Parts of a circuit under a key of its table, such as its storage, by their paths; none if it holds a value."""
+    if isinstance(value, Mapping):
+        return {key: value}
+    parts = value if isinstance(value, list) else []
+    return {f"{key}.{n}": part for n, part in enumerate(parts) if isinstance(part, Mapping)}
 
 
 def _keys_of_others(others: Sequence[Mapping[str, Any]], ideal: Mapping[str, float]) -> list[str]:

@@ -248,12 +248,13 @@ def _point_table(point: FrontPoint) -> dict[str, Any]:
 
 def shunt_table(shunt: Shunt) -> dict[str, Any]:
     """Table of a shunt as in a study file: its kind and the keys that differ from their defaults."""
-    table: dict[str, Any] = {"kind": shunt.kind}
-    for item in dataclasses.fields(shunt):
-        value = getattr(shunt, item.name)
-        if value is not None and value != item.default:
-            table[item.name] = _plain(value)
-    return table
+    return {"kind": shunt.kind, **given_keys(shunt)}
+
+
+def given_keys(component: Component) -> dict[str, Any]:
+    """Fields of a component that differ from their defaults; what it has computed and kept is none of them."""
+    given = ((item, getattr(component, item.name)) for item in dataclasses.fields(component))
+    return {item.name: _plain(value) for item, value in given if value is not None and value != item.default}
 
 
 def _plain(value: Any) -> Any:
@@ -265,5 +266,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Shunt):
         return shunt_table(value)
     if isinstance(value, Component):
-        return {key: _plain(inner) for key, inner in vars(value).items() if inner is not None}
+        return given_keys(value)
     return value.item() if hasattr(value, "item") else value

@@ -111,7 +111,8 @@ def simulate(
         )
     if system.shunt.sampled and not (radius := sampled_loop(system).radius) < 1.0:
         response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
-    if response.waveforms is not None and (remark := system.shunt.remark(response.waveforms.event_names)):
+    if response.waveforms is not None:
+        remark = system.shunt.remark(response.waveforms.event_names, response.dc_voltage)
         response = _with_remark(response, remark)
     if response.waveforms is not None and response.harvested_power == 0:
         why = system.shunt.why_nothing(response.waveforms.event_names, response.voltage_amplitude)

@@ -67,6 +67,8 @@ def _network(numerator: np.ndarray, denominator: np.ndarray) -> Network:
     ratio = Ratio(numerator, denominator).cleaned().reduced()
     poles = len(ratio.below) - 1
     instead = "a digital shunt can have it nevertheless, give its sample_time"
+    if len(ratio.above) > len(ratio.below):
+        instead = "a digital shunt cannot have it either, with more zeros than poles"
     reason = (
         "rounding hides its parts" if poles <= MOST_COPIED else f"it has {poles} poles, but no series or parallel parts"
     )
@@ -109,9 +111,11 @@ def _polynomials(system: Any) -> tuple[np.ndarray, np.ndarray, float]:
             system = system.to_tf()
         parts = (system.num, system.den) if hasattr(system, "num") else None
     coefficients = [np.atleast_1d(np.squeeze(np.asarray(part))) for part in parts or ()]
-    if parts is None or any(c.ndim != 1 or c.dtype.kind not in "fi" or not np.isfinite(c).all() for c in coefficients):
+    if parts is None or any(c.ndim != 1 or c.dtype.kind not in "fi" for c in coefficients):
         found = f"found {named_kind(system)}, must be a TransferFunction or StateSpace with one input and output"
         raise ParameterError("system", f"{found}, of finite real numbers")
+    if bad := [x for c in coefficients for x in c if not np.isfinite(x)]:
+        raise ParameterError("system", f"found {bad[0]} among its coefficients, must be finite real numbers")
     numerator, denominator = (np.trim_zeros(c.astype(float), "f") for c in coefficients)
     if not len(numerator) or not len(denominator):
         raise ParameterError("system", "found an admittance of zero, which is that of open electrodes (Open)")

@@ -98,7 +98,7 @@ class Ratio(NamedTuple):
         slope = np.polysub(np.polymul(np.polyder(real), square), np.polymul(real, np.polyder(square)))
         roots = np.roots(slope)
         inner = roots[(np.abs(roots.imag) <= _ROUNDING * np.abs(roots)) & (roots.real > 0)].real
-        at_infinity = self.above[0] / self.below[0] if len(self.above) == len(self.below) else 0.0
+        at_infinity = np.polydiv(self.above, self.below)[0][-1] if len(self.above) >= len(self.below) else 0.0
         zero, *points = [(float(np.polyval(real, x) / np.polyval(square, x)), float(np.sqrt(x))) for x in (0.0, *inner)]
         end = min(zero, (float(at_infinity), np.inf))
         least = min([end, *points])
@@ -156,7 +156,8 @@ def check_passive(ratio: Ratio) -> None:
             raise NotRealisableError(f"a resonance without losses generates power at {abs(pole) / (2 * np.pi):.4g} Hz")
     least, at = ratio.least_real_part()
     if least < -_ROUNDING * ratio.size():
-        raise NotRealisableError(f"its real part is negative at {at / (2 * np.pi):.4g} Hz")
+        where = f"at {at / (2 * np.pi):.4g} Hz" if np.isfinite(at) else "towards high frequencies"
+        raise NotRealisableError(f"its real part is negative {where}")
 
 
 def _admittance(ratio: Ratio, *, copies: bool, inverted: bool = False) -> NetworkPart:

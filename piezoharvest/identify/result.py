@@ -14,6 +14,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.resonance_figures import ResonanceFigure, resonance_figures
 from piezoharvest.identify.saving import save, specimen_of
 from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import Parameter
@@ -153,6 +154,26 @@ class Identification(Shown):
              "nominal": e.nominal, "identifiable": e.identifiable}
             for e in self.estimates
         ]  # fmt: skip
+
+    @property
+    def resonances(self) -> tuple[ResonanceFigure, ...]:
+        """Resonances with shorted and open electrodes and coupling, as far as the records determine them.
+
+        Coupling and capacitance have errors that go together, of which these are often free.
+        """
+        if self.campaign.unknown:  # of a specimen far below its resonance
+            return ()
+        specimen = specimen_of(self.found, self.estimates, self.campaign)
+        order = {name: n for n, name in enumerate(specimen.values)}
+        own = [e for e in self.estimates if e.parameter.path[0] not in ("effects", "hysteresis")]
+        names = [".".join(map(str, e.parameter.path)) for e in own]
+        fitted = [n for n, name in enumerate(names) if name in order]
+        places = [order[names[n]] for n in fitted]
+        scatter = np.zeros((len(own), len(own)))
+        scatter[np.ix_(fitted, fitted)] = specimen.covariance[np.ix_(places, places)]
+        return resonance_figures(
+            self.transducer, [e.parameter.path for e in own], scatter, [e.identifiable for e in own]
+        )
 
     def correlations(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Names of the parameters that the records determine, and the correlations of their errors, (n, n) array."""

@@ -13,6 +13,7 @@ import numpy as np
 
 import piezoharvest
 from piezoharvest.description.effects.nameless.kinds import in_a_path
+from piezoharvest.description.figures.base import POSITIVE_COUPLING
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
@@ -38,6 +39,11 @@ class Estimated(Protocol):
     @property
     def experiment(self) -> str:
         """The measurement that would determine it."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """Remark, such as that the sign is the nominal one; empty if there is none."""
         ...
 
 
@@ -75,6 +81,9 @@ def specimen_of(
     slopes = [parameter.derivative(value) for parameter, value in zip(parameters, numbers, strict=True)]
     names = [_name(parameter, fitted) for parameter in parameters]
     transducer = replace(fitted, effects=tuple(fitted.effects[n] for n in own), quasi_static=bool(campaign.unknown))
+    if all(e.identifiable for e in estimates):  # what was assumed is behind the nominal values, of which none is left
+        signs = [text for text in transducer.assumptions if text == POSITIVE_COUPLING]
+        transducer = replace(transducer, assumptions=tuple(signs) if any(e.note for e in estimates) else ())
     return Specimen(
         values=dict(zip(names, numbers, strict=True)),
         covariance=scatter[np.ix_(places, places)] * np.outer(slopes, slopes),

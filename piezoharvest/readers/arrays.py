@@ -65,8 +65,11 @@ class ArrayReader(Reader):
         if name not in self.arrays:
             name = super().resolve(name)
         shape, parts = self.arrays[name].shape, [part.strip() for part in index.split(",")]
-        fine = len(parts) == len(shape) and ":" in parts
-        fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
+        fine = len(parts) == len(shape) and ":" in parts and all(part == ":" or part.isdigit() for part in parts)
+        beyond = [(part, n) for part, n in zip(parts, shape, strict=False) if part.isdigit() and int(part) >= n]
+        if fine and beyond:
+            needed = f"the index {beyond[0][0]} must be from 0 to {beyond[0][1] - 1}"
+            raise ReadError(f"found an array of shape {shape}, {needed}", str(column))
         if not fine:
             needed = "a column is selected by an index with a number or : for each axis, and : for at least one"
             raise ReadError(f"found an array of shape {shape}, {needed}", str(column))

@@ -77,6 +77,8 @@ class Reader(ABC):
         Largest allowed file size.
     channels : mapping of str to str
         Channels that columns of the format hold, by their names in lower case, where these are always the same.
+    whole, part : str
+        What messages call the data and one of its columns.
 
     Raises
     ------
@@ -97,6 +99,8 @@ class Reader(ABC):
     extra: ClassVar[str] = ""
     most_bytes: ClassVar[int] = 1 << 62
     channels: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    whole: str = "the file"
+    part: str = "column"
 
     def __init__(self, path: Path):
         self.path = path
@@ -153,19 +157,19 @@ class Reader(ABC):
         if isinstance(column, int):
             if column <= len(self.names):
                 return self.names[column - 1]
-            raise MissingColumnError(f"the file has {len(self.names)} columns, no column {column}", str(column))
+            found = f"{self.whole} has {len(self.names)} {self.part}s, no {self.part} {column}"
+            raise MissingColumnError(found, str(column))
         named = [name for name in self.names if name == column]
         found = named or [name for name in self.names if last_part(name) == column]
         found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
             places = " or ".join(str(n) for n, name in enumerate(self.names, start=1) if name in found)
-            twice = f"found {len(found)} columns {cut(column)!r} ({shown(found)})"
+            twice = f"found {len(found)} {self.part}s {cut(column)!r} ({shown(found)})"
             raise ReadError(f"{twice}, give the number of one instead of its name: column = {places}", column)
         if not found:
             hint = did_you_mean(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names])
-            raise MissingColumnError(
-                f"the file has no column {cut(column)!r}{hint}, its columns are {shown(self.names)}", column
-            )
+            others = f"its {self.part}s are {shown(self.names)}" if self.names else "it is empty"
+            raise MissingColumnError(f"{self.whole} has no {self.part} {cut(column)!r}{hint}, {others}", column)
         return found[0]
 
     def close(self) -> None:  # noqa: B027 - most files have nothing to be closed

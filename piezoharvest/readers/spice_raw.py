@@ -25,9 +25,10 @@ class SpiceRaw(Reader):
     """A transient or AC analysis of a circuit simulator; columns are named as there, "v(p)", "i(vload)"."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
-    # Readings of a netlist that `export` has written; its V(drive) is whatever drives the structure, mostly a force.
+    # Readings of a netlist that `export` has written: V(drive) is the force, V(base) the acceleration of the base.
     channels: ClassVar[Mapping[str, str]] = MappingProxyType({
-        "v(drive)": "force", "v(x)": "displacement", "v(p)": "voltage", "i(vload)": "current", "v(vdc)": "dc_voltage",
+        "v(drive)": "force", "v(base)": "base_acceleration", "v(x)": "displacement", "v(p)": "voltage",
+        "i(vload)": "current", "v(vdc)": "dc_voltage",
     })  # fmt: skip
 
     def __init__(self, path: Path):

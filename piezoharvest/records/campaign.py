@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.notebook import Shown
 from piezoharvest.records.bench_limits import BenchLimits
-from piezoharvest.records.finding import Finding
+from piezoharvest.records.finding import Finding, counted
 from piezoharvest.records.record import FrequencyRecord, Record
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(Shown):
     """Measured records of one specimen.
 
     Attributes
@@ -39,6 +41,20 @@ class Campaign:
     findings: tuple[tuple[Finding, ...], ...]
     unknown: tuple[str, ...] = ()
     limits: BenchLimits = field(default_factory=BenchLimits)
+
+    @property
+    def heading(self) -> str:
+        """Its title, and how many records and warnings there are."""
+        return f"{self.title}, {counted(len(self.records), 'record')}, {counted(len(self.warnings), 'warning')}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """What the records are taken for, one a row."""
+        return [
+            {"record": r.name, "role": r.role, "drive": r.drive if isinstance(r, Record) else r.kind,
+             "load": "none" if r.shunt is None else r.shunt.kind, "samples": len(r), "channels": ", ".join(r.responses)}
+            for r in self.records
+        ]  # fmt: skip
 
     @property
     def warnings(self) -> tuple[Finding, ...]:

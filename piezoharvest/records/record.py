@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.shunts.switching import SynchronisedShunt
+from piezoharvest.notebook import Shown, frame
+from piezoharvest.records.finding import counted
 from piezoharvest.records.gate import Edges, rising_edges
 from piezoharvest.records.harmonics import Harmonics
 
@@ -47,8 +49,8 @@ class Signal:
     factor: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Shown):
     """Channels measured at the same time.
 
     Attributes
@@ -94,6 +96,22 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.time.values)
+
+    @property
+    def heading(self) -> str:
+        """Its name, how long it is, and its drive."""
+        return f"{self.name}, {counted(len(self), 'sample')}, driven by {self.drive}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The range of each channel, SI units."""
+        return [{"channel": name, "least": float(self[name].min()), "most": float(self[name].max())}
+                for name in self.signals]  # fmt: skip
+
+    def to_frame(self) -> Any:
+        """The channels over time as a `pandas.DataFrame`, SI units; raises `ImportError` where pandas is missing."""
+        found = frame({"time": self["time"], **{name: self[name] for name in self.signals}})
+        return found.set_index("time")
 
     @property
     def numbers(self) -> int:
@@ -146,8 +164,8 @@ class Record:
         return Harmonics.of(self[self.drive], 1.0 / self.sample_rate, self.frequency) if self.periodic else None
 
 
-@dataclass(frozen=True, eq=False)
-class FrequencyRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyRecord(Shown):
     """A measured frequency response: of one channel to another, or the impedance of the leads.
 
     Attributes
@@ -188,6 +206,27 @@ class FrequencyRecord:
 
     def __len__(self) -> int:
         return len(self.frequency)
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """The response, as output over input."""
+        return (f"{self.output}/{self.input}",)
+
+    @property
+    def heading(self) -> str:
+        """Its name, how many lines it has, and of which response."""
+        return f"{self.name}, {counted(len(self), 'line')} of {self.responses[0]}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The ranges of frequency (Hz) and of the response's magnitude, SI units."""
+        values = {"frequency": self.frequency, "magnitude": np.abs(self.response)}
+        return [{"quantity": name, "least": float(x.min()), "most": float(x.max())} for name, x in values.items()]
+
+    def to_frame(self) -> Any:
+        """The response over the frequency (Hz) as a `pandas.DataFrame`, SI units; raises `ImportError`."""
+        found = frame({"frequency": self.frequency, self.responses[0]: self.response})
+        return found.set_index("frequency")
 
     @property
     def numbers(self) -> int:

@@ -47,6 +47,7 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
             sentence=_sentence(found),
             warning=f"Not to be trusted: {'; '.join(found.doubts)}." if found.doubts else "",
             parameters=[_row(estimate) for estimate in found.estimates],
+            resonances=[(e.name, with_error(e.value, e.std, e.unit)) for e in found.resonances],
             unknown=[_unknown(estimate) for estimate in found.estimates if not estimate.identifiable],
             residuals=list(_residuals(found)),
             lacks=found.warnings,

@@ -8,9 +8,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts import LinearShunt, Shunt
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.design.front.point import Front
-from piezoharvest.design.result import Candidate, shunt_table
+from piezoharvest.design.result import Candidate, given_keys
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.report.figures.style import line_style
 from piezoharvest.report.units import kind_name, quantity_text, symbol
@@ -103,20 +105,26 @@ def front_subject(subjects: Iterable[Subject], front: Front) -> Subject:
     return min(same, key=lambda s: abs(s.candidate.harvested_power - power))
 
 
-def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
-    """Symbol and value, with unit, of every key of a shunt that differs from its default."""
+def values_of(shunt: Component) -> Iterator[tuple[str, str]]:
+    """Symbol and value, with unit, of every key of a shunt, or of a part of one, that differs from its default."""
     fields = {field.name: field for field in dataclasses.fields(shunt)}
-    for key, value in shunt_table(shunt).items():
+    for key, value in given_keys(shunt).items():
+        given = getattr(shunt, key)
         if key == "netlist" and isinstance(value, str):  # that of a circuit simulator
             yield "netlist", f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
         elif key == "netlist":
             texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
         elif key == "others":
-            for other in shunt.others:
+            for other in given:
                 at = f" at electrode {other.electrode}"
                 yield from ((name + at, text) for name, text in values_of(other) if name != symbol("electrode"))
-        elif key != "kind":
+        elif isinstance(given, Component) and not isinstance(given, VoltageCurve):  # such as what a storage feeds
+            yield from ((f"{symbol(key)}: {name}", text) for name, text in values_of(given))
+        elif isinstance(given, tuple) and any(isinstance(each, Component) for each in given):
+            for n, each in enumerate(given, start=1):
+                yield from ((f"{symbol(key)} {n}: {name}", text) for name, text in values_of(each))
+        else:
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 
 

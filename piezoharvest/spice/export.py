@@ -46,6 +46,8 @@ MEASUREMENTS = {
     "dc_voltage": "AVG V(vdc)",
 }
 
+FROM_REST = "from rest"  # in the comment on the analysis of a netlist that does not start in the steady state
+
 
 class Accuracy(NamedTuple):
     """Tolerances of the time steps.
@@ -214,6 +216,8 @@ def _write_readings(deck: Deck, point: OperatingPoint, circuit: NetlistCircuit) 
     deck.add("Bharvested harvested 0 V=" + circuit.harvested)
     deck.add("Bmechanical mechanical 0 V=" + mechanical_power(point))
     deck.add("Bvdc vdc 0 V=" + circuit.dc)
+    if point.excitation.base:  # the name in a file of waveforms tells it from a force
+        deck.add("Bbase base 0 V=V(drive)")
 
 
 def _write_efficiency(deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float) -> None:
@@ -251,7 +255,7 @@ def _write_window(
         if value < least:
             raise ParameterError(key, f"found {value}, must be a whole number of at least {least}")
     start = point.start
-    begins = "from rest" if start is None else f"from a steady state, {number(start.time)} s after phase zero"
+    begins = FROM_REST if start is None else f"from a steady state, {number(start.time)} s after phase zero"
     deck.comment(f"{periods} periods of {number(period)} s {begins}, of which the last {measured} are measured.")
     if periods < wanted:
         deck.comment(
@@ -288,7 +292,8 @@ def _write_analysis(
         f"abstol={number(accuracy.current * point.current)} "
         f"vntol={number(voltage)} chgtol={number(charge)}" + _OWN_OPTIONS[dialect]
     )
-    deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) V(efficiency) I(Vload)")
+    driven = "base" if point.excitation.base else "drive"
+    deck.add(f".save V({driven}) V(x) V(p) V(vdc) V(harvested) V(mechanical) V(efficiency) I(Vload)")
     for name, what in MEASUREMENTS.items():
         deck.add(f".meas tran {name} {what} from={begin} to={end}")
     deck.add(f".meas tran efficiency FIND V(efficiency) AT={number(window[1] - 1e-3 * step)}")

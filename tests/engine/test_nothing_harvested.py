@@ -43,6 +43,12 @@ def test_the_reason(table, reason):
     assert is_sentence(said)
 
 
+def test_a_supply_that_stays_off_beside_a_load_is_told():
+    said = remark({"kind": "rectifier", **SIDE, "storage": STORE | {"turn_off": 40.0}})
+    assert said.startswith("the supply is not on, whose turn_on is 50 V: the dc voltage is ") and is_sentence(said)
+    assert remark({"kind": "rectifier", **SIDE, "storage": {"turn_on": 2.0, "turn_off": 1.0, "power": 1e-9}}) == ""
+
+
 @pytest.mark.parametrize(
     "table",
     [

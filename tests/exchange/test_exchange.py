@@ -120,10 +120,12 @@ class TestShunt:
     @pytest.mark.parametrize(
         ("system", "words"),
         [
-            (control.tf([-1.0], [1, 2]), "negative at 0 Hz"),
+            (control.tf([-1.0], [1, 2]), "negative at 0 Hz; a digital shunt can have it"),
             (control.tf([1.0], [1, -2]), "not stable"),
             (control.tf([1.0], [1, 1, 100]), "negative at"),
-            (control.tf([1.0, 0, 0], [1]), "grows faster"),
+            (control.tf([1.0, 0, 0], [1]), "grows faster than .*; a digital shunt cannot have it either"),
+            (control.tf([1.0, 0, 0], [1e3, 1]), "negative towards high frequencies; a digital shunt cannot"),
+            (control.tf([np.nan], [1, 1]), "found nan among its coefficients"),
             (control.tf([1.0], [1, 0, 1]), "without losses"),
             (control.tf([0.0], [1]), "open electrodes"),
             (control.tf([1.0], [1, 0.5], True), "without a sample time"),

@@ -194,6 +194,14 @@ class TestWarnings:
             in finding.message
         )
 
+    def test_a_column_whose_name_is_almost_that_of_a_channel(self, tmp_path, columns):
+        columns["displacement_mm"] = 1e3 * columns.pop("displacement_m")
+        (finding,) = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns).warnings
+        assert (finding.check, finding.channel) == ("unused column", "displacement")
+        assert finding.message.startswith("the column 'displacement_mm' is not used, as 'displacement_m' is expected; ")
+        text = '[channels]\ndisplacement = { column = "displacement_mm", unit = "mm" }\n'
+        assert load(tmp_path, TRANSDUCER + text + RECORD, run_csv=columns).warnings == ()
+
     def test_a_column_that_one_record_has_not(self, tmp_path, columns):
         text = '[channels]\nvoltage = { column = "voltage_V" }\n' + RECORD + RECORD.replace("run", "two")
         two = {name: values for name, values in columns.items() if name != "voltage_V"}
@@ -259,7 +267,12 @@ class TestWrong:
         del columns["force_N"]
         error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
         assert (error.path, error.key, error.channel) == (str(tmp_path / "run.csv"), "force, the drive", "force")
-        assert error.message.endswith("its columns are time_s, displacement_m, voltage_V, current_A")
+        assert error.message == (
+            "the file has no column 'force_N', its columns are time_s, displacement_m, voltage_V, current_A; "
+            "force = { column = NAME } in [channels] names another column"
+        )
+        error = failure(tmp_path, TRANSDUCER + '[channels]\nforce = { column = "F" }\n' + RECORD, run_csv=columns)
+        assert error.message.endswith("voltage_V, current_A")  # the name is the user's own: how to give one is known
 
     def test_a_record_of_a_moving_base_is_told_the_drive_that_it_needs(self, tmp_path, columns):
         del columns["force_N"]

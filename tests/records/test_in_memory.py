@@ -97,18 +97,38 @@ GAP = {**DATA, "displacement_m": np.where(np.arange(300) == 40, np.nan, DATA["di
         ({"data": {**DATA, "displacement_m": DATA["force_N"][:7]}, **KEYS}, ["displacement: found 7 samples"]),
         ({"data": {**DATA, "displacement_m": ["a"] * 300}, **KEYS}, ["record 1: displacement", "allowed are numbers"]),
         ({"data": {**DATA, "x": np.eye(3)}, **KEYS}, ["record 1: x: found an array of shape (3, 3)"]),
-        ({"data": {"force": DATA["force_N"]}, **KEYS}, ["record 1: force, the drive", "did you mean"]),
-        ({"data": DATA, "load_resistance": 1e5}, ["record 1: time", "sample_rate in the record"]),
+        ({"data": {"force": DATA["force_N"]}, **KEYS},
+         ["record 1: force, the drive: the mapping has no key 'force_N' (did you mean 'force'?), its keys are force; "
+          'channels = {"force": {"column": NAME}} names another key']),
+        ({"data": {}, **KEYS}, ["record 1: force, the drive: the mapping has no key 'force_N', it is empty"]),
+        ({"data": DATA, "load_resistance": 1e5},
+         ["record 1: time: there is no time among the keys ",
+          "another one in channels, or sample_rate in the record"]),
+        ({"data": {"f": DATA["force_N"]}, "kind": "frf", "output": "velocity", "load_resistance": 1.0},
+         ["record 1: response: missing key, the mapping has f; expected are "]),
         ({"data": DATA, "sample_rate": RATE}, ["records.0.load_resistance: missing key"]),
         ({"data": 3, **KEYS}, ["record 1: found data of type int"]),
         ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.skip_rows: found a key of records in files"]),
         (KEYS, ["records.0.data: missing key"]),
         (3, ["records.0: found 3"]),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_is_said_with_record_and_channel(record, words):
     message = str(failure(NOMINAL, [record]))
     assert [word for word in words if word not in message] == [], message
+
+
+def test_the_words_of_a_frame():
+    pandas = pytest.importorskip("pandas")
+    message = str(failure(NOMINAL, [{"data": pandas.DataFrame({"Kraft": DATA["force_N"]}), **KEYS}]))
+    assert "the DataFrame has no column 'force_N', its columns are Kraft; channels = " in message
+
+
+def test_a_key_whose_name_is_almost_that_of_a_channel():
+    data = {**DATA, "velocity_mm_s": np.gradient(DATA["displacement_m"])}
+    (finding,) = Campaign.from_arrays(NOMINAL, [{"data": data, **KEYS}]).warnings
+    assert (finding.check, finding.channel) == ("unused column", "velocity")
+    assert finding.message.startswith("the key 'velocity_mm_s' is not used, as 'velocity_m_s' is expected; channels")
 
 
 def test_no_records():

@@ -323,6 +323,10 @@ class TestMatrices:
         for name in ("run.npz", "run.h5", "run.mat"):
             same(tmp_path / name, "data[:, 0]", "data[:,1]", "data[:, 2]")
 
+    def test_an_index_that_is_too_large(self, tmp_path):
+        write_mat(tmp_path / "run.mat", {"data": np.column_stack([TIME, FORCE, CURRENT])})
+        assert failure(tmp_path / "run.mat", "data[:, 3]").message.endswith(", 3), the index 3 must be from 0 to 2")
+
     @pytest.mark.parametrize(("shape", "column"), [((-1,), "[:]"), ((-1, 1), "[:, 0]"), ((1, -1, 1), "[0, :, 0]")])
     def test_a_vector_without_a_name(self, tmp_path, shape, column):
         """One column or one row of a matrix is a vector, too."""

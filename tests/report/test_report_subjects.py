@@ -1,7 +1,9 @@
 """What a report and a table say of a circuit beside its name."""
 
 from piezoharvest.cli.tables import _keys
-from piezoharvest.description.shunts import Network, SpiceCircuit
+from piezoharvest.description.shunts import Network, Rectifier, SpiceCircuit
+from piezoharvest.description.shunts.duty_cycle import LoadPhase
+from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.design.result import shunt_table
 from piezoharvest.report.subjects import values_of
 
@@ -13,3 +15,19 @@ def test_net_lists_of_both_kinds_have_words():
     circuit = SpiceCircuit(netlist="* load\nR1 p 0 100k\n\n", load=("R1",))
     assert dict(values_of(circuit))["netlist"] == "2 lines"
     assert "netlist = 2 lines" in _keys(shunt_table(circuit), {}).splitlines()
+
+
+def test_what_a_storage_feeds_is_told_by_its_keys_alone():
+    phases = (LoadPhase(power=2e-3, duration=0.005, sends=True),)
+    store = Storage(turn_on=5.0, turn_off=3.6, power=1e-3, phases=phases)
+    shunt = Rectifier(smoothing_capacitance=22e-6, storage=store)
+    assert store.line(0)  # what it computes and keeps is none of its keys
+    table = shunt_table(shunt)
+    phase = {"power": 2e-3, "duration": 0.005, "sends": True}
+    assert table["storage"] == {"turn_on": 5.0, "turn_off": 3.6, "power": 1e-3, "phases": [phase]}
+    assert _keys(table, {}).splitlines()[:3] == [
+        "smoothing_capacitance = 22.00 uF", "storage.turn_on = 5.000 V", "storage.turn_off = 3.600 V",
+    ]  # fmt: skip
+    assert "storage.phases.0.duration = 5.000 ms" in _keys(table, {}).splitlines()
+    values = dict(values_of(shunt))
+    assert (values["storage: turn on"], values["storage: phases 1: power"]) == ("5\u202fV", "2\u202fmW")

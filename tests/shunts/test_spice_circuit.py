@@ -111,7 +111,8 @@ class TestLanguage:
     @pytest.mark.parametrize(
         ("lines", "message"),
         [
-            ("D1 p 0 m\n.model m D(Is=1n N=1.8)", "line 2: D1: found is in the model m .line 3., which is not"),
+            ("D1 p 0 m\n.model m D(Is=1n N=1.8)",
+             "line 2: D1: found the parameter IS in the model m .line 3., which is not"),
             ("D1 p 0 d\n.model d D", "line 2: D1: found model d .line 3., whose law is exponential"),
             ("R1 p 0 1k\nQ1 p 0 a npn", "line 3: Q1: found an element of kind Q, allowed are R, L, C, K"),
             ("V1 p a SINE(0 1 50)\nR1 a 0 1", "line 2: V1: found 'SINE 0 1 50', must be a constant"),
@@ -152,7 +153,7 @@ class TestLanguage:
         lines = BRIDGE.format(ron=1, roff="1g", drop=0).replace("Rload", "R§load").replace("0.26u", "0.26µ Rser=0.1")
         (tmp_path / "b.net").write_bytes((lines + ".tran 1\n.backanno\n.end\n").replace("\n", "\r\n").encode("latin-1"))
         assert main(["import", "b.net", "--load", "Rload", "--out", "b.toml"]) == 0
-        assert capsys.readouterr().err == "b.net: 7 parts, 1 states, 16 configurations\n"
+        assert capsys.readouterr().err == "b.net: 7 parts, 1 state, 16 configurations\n"
         study = "[transducer]\nmass=0.01\ndamping=0.6\nstiffness=987.0\ncoupling=3e-4\ncapacitance=4e-8\n"
         study += '[excitation]\nkind="sine_force"\namplitude=0.02\nfrequency=50.0\n'
         (tmp_path / "study.toml").write_text(study + (tmp_path / "b.toml").read_text())

@@ -34,6 +34,9 @@ def identification_json(found: Identification) -> dict[str, Any]:
         "trusted": not found.doubts,
         "warnings": [*found.doubts, *found.warnings, *above_noise(found)],
         "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
+        "resonances": {
+            each.name: {"value": each.value, "std": each.std, "unit": each.unit} for each in found.resonances
+        },
         "fit": _quality(found.fit),
         "validation": _quality(found.validation),
         "records": [

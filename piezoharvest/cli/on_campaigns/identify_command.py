@@ -68,6 +68,9 @@ def _print(found: Identification) -> None:
             [e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), _remark(e)]
         )
     tables.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
+    if figures := found.resonances:
+        rows = [[e.name, with_error(e.value, e.std, e.unit), percent(e.std / e.value, 2)] for e in figures if e.value]
+        tables.print_rows("", ["which makes", "value", ""], rows)
     rows = [
         [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
         for role, quality in (("fitted", found.fit), ("validation", found.validation))

@@ -200,8 +200,8 @@ class Shunt(Component):
         """Figures that a response has of this circuit, by their names there, from its states at the end of a run."""
         return {}
 
-    def remark(self, events: Collection[str]) -> str:
-        """What a user has to know of a run in which there were these events, or nothing."""
+    def remark(self, events: Collection[str], dc_voltage: float) -> str:
+        """What a user has to know of a run with these events and this mean dc voltage (V), or nothing."""
         return ""
 
     def why_nothing(self, events: Collection[str], voltage: float) -> str:

@@ -134,6 +134,14 @@ class Bridge(Shunt):
                 "give smoothing_capacitance with load_resistance or a table storage, or dc_voltage alone",
             )
 
+    def remark(self, events: Collection[str], dc_voltage: float) -> str:
+        # With a mean below turn_off a supply that was on has turned off, and turns on again where the motion repeats.
+        off = self.storage is not None and "supply turns on" not in events and dc_voltage < self.storage.turn_off
+        if not (off and self.storage and self.load_resistance is not None):
+            return ""
+        found = f"the supply is not on, whose turn_on is {self.storage.turn_on:g} V"
+        return f"{found}: the dc voltage is {dc_voltage:.4g} V, and all that is harvested is that of load_resistance"
+
     def why_nothing(self, events: Collection[str], voltage: float) -> str:
         if self.dc_voltage == 0:
             return "nothing is harvested: dc_voltage is 0 V, to which no power is delivered"

@@ -319,8 +319,8 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
         if key not in defaults:
             if key in _LABELS:
                 continue
-            raise ValueError(f"found {key} in the model {called} (line {model.line}), which is not piecewise linear; "
-                             f"must be one such as {example}")  # fmt: skip
+            found = f"found the parameter {key.upper()} in the model {called} (line {model.line})"
+            raise ValueError(f"{found}, which is not piecewise linear; must be one such as {example}")
         values[key] = value_of(text, known)
     if kind == "D" and not model.values.keys() & {"ron", "roff", "vfwd"}:
         found = f"found model {called} (line {model.line}), whose law is exponential"

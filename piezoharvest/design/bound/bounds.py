@@ -163,7 +163,8 @@ def _gap(value: float, reached: float | None) -> str:
     if reached is None:
         return "no shunt is shown to reach the bound: the convex program could not be solved"
     gap = 100 * abs(value - reached) / value
-    return f"the bound is certified, but the best network that is known for it comes only within {gap:.1f} % of it"
+    promised = f"{100 * _AGREEMENT:g} %"
+    return f"the bound is certified, but the best network that is known comes within {gap:.4g} % of it, not {promised}"
 
 
 def _target(view: LinearView, kind: Kind) -> Target | None:

@@ -174,8 +174,8 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
     if "frequency" not in found or form is None:
         what = "frequency" if "frequency" not in found else "response"
         usual = [name for part, name in RESPONSE_COLUMNS[entry.kind].items() if part not in QUANTITIES]
-        expected = f"expected are {', '.join(usual)}, or names in records.channels"
-        message = f"missing column, the file has {shown(reader.names)}; {expected}"
+        expected = f"expected are {', '.join(usual)}, or names in the record's channels"
+        message = f"missing {reader.part}, {reader.whole} has {shown(reader.names)}; {expected}"
         raise CampaignError(files.folder / entry.file, what, message, channel=what)
     kept = {part: columns for part, columns in found.items() if part in ("frequency", "coherence", *form)}
     return kept, used

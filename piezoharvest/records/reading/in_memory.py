@@ -65,8 +65,10 @@ class InMemory(Reader):
 
     def __init__(self, name: str, columns: Any):
         super().__init__(Path(name))
+        self.whole, self.part = "the mapping", "key"
         if not isinstance(columns, Mapping):
             columns = _of_frame(columns)
+            self.whole, self.part = "the DataFrame", "column"
         self._columns = {str(column): _one_dimensional(values, str(column)) for column, values in columns.items()}
         self.names = tuple(self._columns)
 

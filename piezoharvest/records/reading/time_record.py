@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
@@ -11,13 +11,14 @@ import numpy as np
 
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
-from piezoharvest.readers.base import shown
+from piezoharvest.readers.base import cut, last_part, shown
 from piezoharvest.readers.units import stated_unit
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
 from piezoharvest.records.reading.entries import PeriodicEntry, Sources, TimeEntry
 from piezoharvest.records.reading.files import Files
+from piezoharvest.records.reading.in_memory import InMemory
 from piezoharvest.records.reading.time_stamps import even_times
 from piezoharvest.records.record import Record, Signal
 
@@ -50,9 +51,11 @@ class TimeRecordReader:
             if channel in sources:
                 self._find(channel)
         if len(self.columns.keys() - {"time"}) < 2:
-            names = shown(files.reader(entry.file).names)
-            message = f"no channel other than the drive was found, at least one is needed (the columns are {names})"
+            reader = files.reader(entry.file)
+            found = f"(the {reader.part}s are {shown(reader.names)}){self._naming('voltage', reader)}"
+            message = f"no channel other than the drive was found, at least one is needed {found}"
             raise CampaignError(files.folder / entry.file, "", message)
+        self.findings += self._overlooked()
         self.values = self._read()
 
     def file(self, channel: str) -> str:
@@ -74,7 +77,7 @@ class TimeRecordReader:
             drive = channel == self.entry.drive
             if level == "record" or drive or (channel == "time" and level == "campaign"):
                 what = f"{channel}, the drive" if drive else channel
-                message = error.message + (self._other_drive() if drive else "")
+                message = error.message + ((self._other_drive() or self._naming(channel, reader)) if drive else "")
                 raise CampaignError(self.files.folder / name, what, message, channel=channel) from None
             if channel == "time" and (known := named_time(reader)):
                 self.columns[channel] = [known]
@@ -88,6 +91,29 @@ class TimeRecordReader:
                 self.findings.append(Finding("warning", "missing column", name, channel, (), message))
         except ReadError as error:
             raise self.files.error(name, channel, error) from None
+
+    def _naming(self, channel: str, reader: Reader) -> str:
+        """How to name the column of a channel, if it was sought under its usual name only; else ""."""
+        if self.sources[channel][1] != "default":
+            return ""
+        if isinstance(reader, InMemory):
+            return f'; channels = {{"{channel}": {{"column": NAME}}}} names another key'
+        return f"; {channel} = {{ column = NAME }} in [channels] names another {reader.part}"
+
+    def _overlooked(self) -> Iterator[Finding]:
+        """A warning for each column that is not used, but has the name of a channel that the record lacks.
+
+        Such as "displacement_mm", where "displacement_m" is read unless [channels] gives another name.
+        """
+        reader, used = self.files.reader(self.entry.file), {name for some in self.columns.values() for name in some}
+        for channel, (_, level) in self.sources.items():
+            if channel == "time" or channel in self.columns or level != "default":
+                continue
+            near = [name for name in reader.names if last_part(name).lower().startswith(channel) and name not in used]
+            if near:
+                found = f"the {reader.part} {cut(near[0])!r} is not used, as {COLUMNS[channel]!r} is expected"
+                message = found + self._naming(channel, reader)
+                yield Finding("warning", "unused column", self.entry.file, channel, (), message)
 
     def _other_drive(self) -> str:
         """What a record without a force says if [channels] names the acceleration of its base; else ""."""
@@ -156,9 +182,12 @@ class TimeRecordReader:
                 self.values["time"] = np.arange(count) / rate
                 return
             if stamps is None:
-                names = shown(self.files.reader(self.entry.file).names)
-                needed = "give a column time_s, the name of another one in [channels], or sample_rate in the record"
-                raise self.error("time", f"there is no time among the columns {names}; {needed}")
+                reader = self.files.reader(self.entry.file)
+                given = "channels" if isinstance(reader, InMemory) else "[channels]"
+                needed = (
+                    f"give a {reader.part} time_s, the name of another one in {given}, or sample_rate in the record"
+                )
+                raise self.error("time", f"there is no time among the {reader.part}s {shown(reader.names)}; {needed}")
             self.values["time"] = self._at_stated_rate(stamps)
         raw = self.values["time"]
         time = self._si("time", raw)

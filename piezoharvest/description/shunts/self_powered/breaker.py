@@ -133,9 +133,9 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     def figures(self, states: Mapping[str, float]) -> Mapping[str, float]:
         return {"least_switching_voltage": float(self.least_voltage)}
 
-    def remark(self, events: Collection[str]) -> str:
+    def remark(self, events: Collection[str], dc_voltage: float) -> str:
         if "switch closes" in events:
-            return ""
+            return super().remark(events, dc_voltage)
         return f"no breaker closes: they need an open-circuit voltage of {float(self.least_voltage):.4g} V at least"
 
     def breaker_states(self, capacitance: float) -> tuple[State, ...]:
