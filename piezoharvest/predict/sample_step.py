@@ -77,7 +77,7 @@ def _responses(A: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, list[np.n
     if c >= n:
         top = _exponentials(A, np.broadcast_to(np.eye(n), A.shape))
         return top[..., :n], [top[..., k * n : (k + 1) * n] @ forces for k in range(1, DEGREE + 2)]
-    size = np.abs(forces).sum(axis=-2).reshape(-1, c).max(axis=0)
+    size = np.abs(forces).sum(axis=-2).reshape(-1, c).max(axis=0, initial=0.0)
     size[~((size > 0.0) & np.isfinite(size))] = 1.0
     top = _exponentials(A, forces / size)
     return top[..., :n], [size * top[..., n + k * c : n + (k + 1) * c] for k in range(DEGREE + 1)]

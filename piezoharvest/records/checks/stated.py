@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.signal import periodogram
+from scipy.signal.windows import kaiser
 
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import Record
@@ -33,6 +34,6 @@ def _floor(values: np.ndarray) -> float:
     scatter = np.median(np.abs(np.diff(values, 3))) / (_MEDIAN_OF_NORMAL * np.sqrt(20.0))
     # Without a window, the jump from a record's last sample to its first is at all frequencies: a drive 80 dB above
     # its noise would hide it. Kaiser's side lobes of this shape are 160 dB below.
-    _, density = periodogram(values, window=("kaiser", 20.0), detrend="linear")
+    _, density = periodogram(values, window=kaiser(len(values), 20.0, sym=False), detrend="linear")
     fastest = density[int(0.8 * len(density)) :]
     return float(min(scatter, np.sqrt(np.median(fastest) / (2.0 * np.log(2.0)))))
