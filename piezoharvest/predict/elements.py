@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.description.effects.nameless.curves import CURVES
-from piezoharvest.predict.record_model import CURVE, HINGE, POSITIVE_POWER, POWER, PRODUCT, SQUARED_HINGE
+from piezoharvest.predict.propagation.element_kinds import (
+    CURVE,
+    HINGE,
+    POSITIVE_POWER,
+    POWER,
+    PRODUCT,
+    SQUARED_HINGE,
+)
 
 
 def outputs_of(

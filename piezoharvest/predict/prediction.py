@@ -15,7 +15,8 @@ from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, Settin
 from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, divided, rise_steps
 from piezoharvest.predict.pace import Pace, pace_of, padded
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.record_model import STOP, VARYING, Matrices
+from piezoharvest.predict.propagation.element_kinds import STOP
+from piezoharvest.predict.record_model import VARYING, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
 from piezoharvest.predict.segments import NO_RISE, Propagation
 

@@ -30,11 +30,19 @@ from piezoharvest.equations.laws import (
     spring,
     strain_charge,
 )
+from piezoharvest.predict.propagation.element_kinds import (
+    CURVE,
+    HINGE,
+    POSITIVE_POWER,
+    POWER,
+    PRODUCT,
+    SQUARED_HINGE,
+    STOP,
+)
 
 COLUMNS = (
     96  # at first: a transducer of six modes with ten operators and five effects; doubled as long as more are needed
 )
-STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE, SQUARED_HINGE, CURVE = range(7)  # and from CURVE on the codes of curves
 INPUTS = ("drive", "drive_rate", "one", "time")
 # An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
 # sample.

@@ -12,7 +12,8 @@ from scipy.linalg import expm
 
 from piezoharvest.predict.elements import outputs_of
 from piezoharvest.predict.parameters import STEP
-from piezoharvest.predict.record_model import STOP, Matrices
+from piezoharvest.predict.propagation.element_kinds import STOP
+from piezoharvest.predict.record_model import Matrices
 
 MAX_ITERATIONS = 50  # iterations to an equilibrium
 DEGREE = 3  # of the drive between two samples

@@ -38,11 +38,12 @@ class Propagation:
     ) -> None:  # fmt: skip
         self.inputs, self.lanes, self.reached = len(matrices.O) - len(matrices.channels), dz.shape[1], reached
         n, elements, lanes = len(z), len(w), self.lanes
-        m = self.inputs + 2 * np.count_nonzero(reached)
+        more = int(np.count_nonzero(reached))
+        m = self.inputs + 2 * more
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
         limits = np.real(matrices.parameters).astype(float)  # whole exponents, too: another type compiles all anew
         added = np.where(reached, self.inputs + np.cumsum(reached) - 1, -1)
-        self._elements = Elements(matrices.kinds, matrices.places, limits, acts, matrices.rated, added)
+        self._elements = Elements(matrices.kinds, matrices.places, limits, acts, matrices.rated, added, more)
         self._state = PropagatedState(
             y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m),
             d=np.vstack([dz, dw, np.zeros((2 * elements, lanes))]),

@@ -14,7 +14,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, setting_of
 from piezoharvest.predict.parameters import STEP, parameter_of, parameters_of, stepped, value_at
-from piezoharvest.predict.record_model import LEADS, STOP, VARYING, RecordModel
+from piezoharvest.predict.propagation.element_kinds import STOP
+from piezoharvest.predict.record_model import LEADS, VARYING, RecordModel
 
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS))
 LINEAR = {name: s for name, s in examples(shunts.registered()).items() if isinstance(s, LinearShunt)}

@@ -213,7 +213,7 @@ def _likeliest(problem: Problem, start: Fit, fits: _Fits) -> tuple[LawFit, list[
         # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
         smoother = [] if problem.needs_engine else _smoother(problem, start, table)
         smooth = min((table, *smoother), key=lambda each: each.evidence)
-        found.append((smooth, ranked(problem, smooth)))
+        found.append((smooth, fits.formulas(smooth)))
     found += [(table, ranked(problem, table)) for table in _tables_of_steps(problem, start, done, found)]
     return min(found, key=lambda each: each[1][0].criterion)
 
@@ -371,11 +371,13 @@ class _Fits:
 
     def _condensed(self, table: LawFit) -> LawFit:
         """The law, or the likeliest form of a table that is too coarse."""
-        if not self._is_coarse(table):
-            return table
+        return self.formulas(table)[0] if self._is_coarse(table) else table
+
+    def formulas(self, table: LawFit) -> list[LawFit]:
+        """The table and its forms, the likeliest first; made once."""
         if table not in self.condensed:
             self.condensed[table] = ranked(self.problem, table)
-        return self.condensed[table][0]
+        return self.condensed[table]
 
 
 def _explained_beside(problem: Problem, best: LawFit, other: ScoredLaw) -> tuple[float, float, float]:

@@ -17,7 +17,8 @@ from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.frequency.line_noise import LineNoise
 from piezoharvest.identify.frequency.response_reference import Reference, reference_of, relative
 from piezoharvest.predict.parameters import STEP, stepped, value_at
-from piezoharvest.predict.record_model import LEADS, STOP, Matrices, RecordModel
+from piezoharvest.predict.propagation.element_kinds import STOP
+from piezoharvest.predict.record_model import LEADS, Matrices, RecordModel
 from piezoharvest.records.record import FrequencyRecord
 
 MAX_VALIDATION_RATIO = 1.2  # times the noise, from which on the residual of a validation record gives a warning

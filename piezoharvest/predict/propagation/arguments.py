@@ -153,6 +153,8 @@ class Elements(NamedTuple):
     added : (distinct inputs,) array
         Row of what the outputs over a step add to the input's coefficient of s, as in `StepMatrices`; -1 if they do
         not reach it directly.
+    reached : int
+        Inputs that outputs reach directly: what they add to the coefficient of s^2 is so many rows behind.
     """
 
     kinds: np.ndarray
@@ -161,6 +163,7 @@ class Elements(NamedTuple):
     acts: np.ndarray
     rated: np.ndarray
     added: np.ndarray
+    reached: int
 
 
 class PropagatedState(NamedTuple):

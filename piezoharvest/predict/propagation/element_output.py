@@ -14,6 +14,7 @@ import math
 from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.motion.curves import curve_of
 from piezoharvest.predict.propagation.arguments import BEFORE, BY_LIMIT, FIRST, SECOND, SLOPES
+from piezoharvest.predict.propagation.element_kinds import CURVE, HINGE, POWER, PRODUCT, SQUARED_HINGE, STOP
 from piezoharvest.predict.propagation.within_step import (
     BEGIN,
     LIMIT,
@@ -23,8 +24,6 @@ from piezoharvest.predict.propagation.within_step import (
     stop_with_corners,
 )
 
-# As in `record_model`, which depends on files that would count as sources of this.
-STOP, _PRODUCT, _POWER, _HINGE, _SQUARED_HINGE, _CURVE = 0, 1, 2, 4, 5, 6
 # Points inside a step of the Gauss-Lobatto rule, which integrates polynomials of the fifth degree. From the excess over
 # the straight line there, a cubic's coefficients are r = _SPREAD (other - one) and p = 5 one - r _INSIDE.
 _INSIDE, _OUTER = 0.5 * (1.0 - 1.0 / math.sqrt(5.0)), 0.5 * (1.0 + 1.0 / math.sqrt(5.0))
@@ -41,7 +40,7 @@ def _cubic_of(old, trial, place, elements, h, c):
         da, db = h * old[half + place], h * trial[half + place]
         c[1], c[2], c[3] = da, 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
     if added >= 0:
-        one, two = trial[added], trial[added + (len(trial) - 2 * half) // 2]
+        one, two = trial[added], trial[added + elements.reached]
         c[1] += one
         c[2] += two
         c[3] -= one + two
@@ -62,15 +61,15 @@ def _set_slopes(slopes, at, rated, h, g0, g1, g2, g3):
 @compiled
 def _smooth(kind, limit, x):
     """Value of an element of one input without memory, its slope, and its derivative with respect to its parameter."""
-    if kind == _POWER:
+    if kind == POWER:
         below = 1.0
         for _ in range(int(limit) - 1):  # a whole exponent: the general power takes as long as all else of a step
             below *= x
         return x * below, limit * below, 0.0
-    if kind >= _CURVE:
-        value, slope, _ = curve_of(kind - _CURVE, x)
+    if kind >= CURVE:
+        value, slope, _ = curve_of(kind - CURVE, x)
         return value, slope, 0.0
-    if kind == _SQUARED_HINGE:
+    if kind == SQUARED_HINGE:
         above = max(x - limit, 0.0)
         return above * above, 2.0 * above, -2.0 * above
     if x <= 0.0:
@@ -85,7 +84,7 @@ def _set_smooth(j, kind, s, step, elements, memory, at):
     c, e, inside = memory.first, memory.second, memory.inside
     a, b, limit = elements.places[j, 0], elements.places[j, 1], elements.limits[j]
     x = c[0] + risen(c[1], c[2], c[3], s)
-    if kind == _PRODUCT:
+    if kind == PRODUCT:
         y = e[0] + risen(e[1], e[2], e[3], s)
         value, slope, by_limit = x * y, y, 0.0
         _set_slopes(inside[at], SECOND, elements.rated[b], step.h, x, x * s, x * s * s, x * s * s * s)
@@ -114,7 +113,7 @@ def _set_off(j, memory):
 def _smooth_output(j, kind, step, elements, memory):
     """Output of a smooth element: through its values at the ends and at two points inside the step."""
     slopes, outputs, inside, count = memory.slopes, memory.outputs, memory.inside, len(memory.before)
-    if kind == _SQUARED_HINGE and _below(elements.limits[j], memory.first):
+    if kind == SQUARED_HINGE and _below(elements.limits[j], memory.first):
         _set_off(j, memory)
         return
     _set_smooth(j, kind, 1.0, step, elements, memory, 0)
@@ -219,7 +218,7 @@ def set_output(j, step, elements, memory):
     _cubic_of(memory.old, memory.trial, a, elements, step.h, memory.first)
     if kind == STOP:
         _stop_output(j, step, elements, memory)
-    elif kind == _HINGE:
+    elif kind == HINGE:
         _hinge_output(j, step, elements, memory)
     else:
         _cubic_of(memory.old, memory.trial, b, elements, step.h, memory.second)

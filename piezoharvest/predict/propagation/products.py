@@ -92,7 +92,6 @@ def solve(K, slopes, elements, off, J, right):
     """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
     m, places = len(J), elements.places
     half, count = len(elements.rated), len(places)
-    more = (m - 2 * half) // 2
     for r in range(m):
         for c in range(m):
             J[r, c] = 1.0 if r == c else 0.0
@@ -113,12 +112,12 @@ def solve(K, slopes, elements, off, J, right):
             if at >= 0:
                 for r in range(m):
                     J[r, at] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED]
-                    J[r, at + more] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED + 1]
+                    J[r, at + elements.reached] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED + 1]
             at = elements.added[b]
             if at >= 0:
                 for r in range(m):
                     J[r, at] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED]
-                    J[r, at + more] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED + 1]
+                    J[r, at + elements.reached] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED + 1]
     for r in range(m):
         J[r, m] = 0.0
         for c in range(m):

@@ -101,7 +101,8 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
     d, dinputs, right, places = state.d, state.dinputs, memory.right, elements.places
     n, half, parameters, count = len(memory.z), len(elements.rated), d.shape[1], len(places)
     clear(right)
-    _differentiate_added(slopes, d, memory, right[2 * half :])
+    if elements.reached:
+        _differentiate_added(elements, slopes, d, memory, right[2 * half :])
     # First the part of the outputs that does not depend on the elements' present inputs; the values at the end last, as
     # the others depend on the previous ones.
     for j in range(count):
@@ -148,17 +149,14 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
                 for p in range(parameters):
                     d[at, p] += three * dinputs[b, p] + four * dinputs[half + b, p]
             if elements.added[a] >= 0:
-                _add_through_added(elements.added[a], s[FIRST_ADDED], s[FIRST_ADDED + 1], half, dinputs, d[at])
+                _add_through_added(elements, a, s[FIRST_ADDED], s[FIRST_ADDED + 1], dinputs, d[at])
             if elements.added[b] >= 0:
-                _add_through_added(elements.added[b], s[SECOND_ADDED], s[SECOND_ADDED + 1], half, dinputs, d[at])
+                _add_through_added(elements, b, s[SECOND_ADDED], s[SECOND_ADDED + 1], dinputs, d[at])
 
 
 @compiled
-def _differentiate_added(slopes, d, memory, right):
+def _differentiate_added(elements, slopes, d, memory, right):
     """Derivatives of what the elements' outputs add to inputs' coefficients, those of outputs at the end left out."""
-    more = len(right) // 2
-    if more == 0:
-        return
     before, outputs, rises, count = memory.before, memory.outputs, memory.rises, len(memory.before)
     for j in range(count):
         p, r, risen = outputs[count + j], outputs[2 * count + j], outputs[j] - before[j]
@@ -166,15 +164,15 @@ def _differentiate_added(slopes, d, memory, right):
     add_product(slopes.before_added, d, right)
     for k in range(2):
         weighted_sums(slopes.added, rises[k])
-        scatter(slopes.added, 0, len(slopes.added.sums), -k * more, right)
+        scatter(slopes.added, 0, len(slopes.added.sums), -k * elements.reached, right)
 
 
 @compiled
-def _add_through_added(added, one, two, half, dinputs, out):
+def _add_through_added(elements, place, one, two, dinputs, out):
     """Add to an output's derivatives those by what outputs add to an input's coefficients."""
-    more = (len(dinputs) - 2 * half) // 2
+    added = elements.added[place]
     for p in range(len(out)):
-        out[p] += one * dinputs[added, p] + two * dinputs[added + more, p]
+        out[p] += one * dinputs[added, p] + two * dinputs[added + elements.reached, p]
 
 
 @inlined
