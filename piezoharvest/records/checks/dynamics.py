@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.description.shunts import LinearShunt, Resistor, Short
+from piezoharvest.description.shunts import LinearShunt, Short
+from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import poles

@@ -201,8 +201,8 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         if not isinstance(table, dict):
             column = tomli_w.dumps({"column": table if isinstance(table, str | int) else "F"}).strip()
             toml, python = f"{{ {column} }}", f"{{{column.replace('column =', chr(34) + 'column' + chr(34) + ':')}}}"
-            found = f"found {named_kind(table)}, must be a table, as in {channel} = {toml}"
-            raise ParameterError(f"{where}.{channel}", f"{found} (in Python: {python})")
+            told = f"found {named_kind(table)}, must be a table, as in {channel} = {toml}"
+            raise ParameterError(f"{where}.{channel}", f"{told} (in Python: {python})")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             check_unit(source.unit, units[channel], levels=channel == "magnitude")
