@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+import numpy as np
+
 Row = Mapping[str, Any]
 
 
@@ -43,6 +45,22 @@ class Shown:
     def to_frame(self) -> Any:
         """The result as a `pandas.DataFrame`, in SI units; raises `ImportError` where pandas is not installed."""
         return frame(self.rows)
+
+
+def extent(name: str, unit: str, values: Any) -> Row:
+    """Row of a table that shows a long array by the least and the largest of its values, complex ones by magnitude."""
+    sizes = np.abs(values) if np.iscomplexobj(values) else np.asarray(values)
+    least, most = (float(sizes.min()), float(sizes.max())) if sizes.size else (math.nan, math.nan)
+    return {"quantity": name, "unit": unit, "least": least, "most": most}
+
+
+def over(frequencies: Any) -> str:
+    """Text for the frequencies (Hz) of a response: how many, and between which."""
+    if len(frequencies) == 0:
+        return "no frequencies"
+    if len(frequencies) == 1:
+        return f"1 frequency, {frequencies[0]:.6g} Hz"
+    return f"{len(frequencies)} frequencies from {np.min(frequencies):.6g} to {np.max(frequencies):.6g} Hz"
 
 
 def frame(data: Any, **options: Any) -> Any:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import subprocess
 import tomllib
 
+import h5py
 import numpy as np
+import pyarrow as pa
 import pytest
 from messages import is_sentence
-from scipy.io import savemat
+from pyarrow import parquet
+from scipy.io import savemat, wavfile
 from scipy.signal import StateSpace, butter, chirp, lsim, sosfilt
 
 from piezoharvest import System, load_study, simulate
 from piezoharvest.cli import main
 from piezoharvest.identify.identification import identify
+from piezoharvest.readers import registered
 from piezoharvest.records import load_campaign
 from piezoharvest.records.recognition.files import look_into
 from piezoharvest.records.recognition.rough_values import rough_values, rough_values_of_response
@@ -225,6 +229,82 @@ def test_a_file_that_may_be_cut_off_is_told(tmp_path, monkeypatch, capsys):
     (tmp_path / "cut.csv").write_text("time_s,force_N\n0.0,1.0\n0.1,2.0\n")
     assert main(["new", "campaign", "cut.csv"]) == 0
     assert "warning: cut.csv: found only 2 rows of numbers; is the file cut off?" in capsys.readouterr().err
+
+
+NO_ROWS = {"time_s": np.empty(0), "force_N": np.empty(0), "displacement_m": np.empty(0)}
+NO_LINES = {"frequency_Hz": np.empty(0), "real": np.empty(0), "imaginary": np.empty(0)}
+
+
+def _hdf5(path, columns):
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+
+
+def _tdms(path, columns):
+    tdms = pytest.importorskip("nptdms")
+    with tdms.TdmsWriter(path) as writer:
+        writer.write_segment([tdms.ChannelObject("group", name, values) for name, values in columns.items()])
+
+
+def _text(path, columns):
+    path.write_text(",".join(columns) + "\n")
+
+
+def _ltspice(path, columns):
+    names = "".join(f"\t{n}\t{name}\tvoltage\n" for n, name in enumerate(columns))
+    head = f"Title: x\nPlotname: Transient Analysis\nFlags: real\nNo. Variables: {len(columns)}\nNo. Points: 0\n"
+    path.write_text(f"{head}Variables:\n{names}Values:\n")
+
+
+EMPTY = {
+    ".csv": _text, ".txt": _text, ".tsv": _text, ".dat": _text,
+    ".mat": savemat, ".npz": lambda path, columns: np.savez(path, **columns),
+    ".npy": lambda path, columns: np.save(path, np.empty((0, len(columns)))),
+    ".h5": _hdf5, ".tdms": _tdms, ".raw": _ltspice,
+    ".parquet": lambda path, columns: parquet.write_table(pa.table(columns), path),
+    ".wav": lambda path, columns: wavfile.write(path, 1000, np.zeros((0, len(columns)), np.int16)),
+    ".s1p": lambda path, columns: path.write_text("# Hz S RI R 50\n"),
+    ".uff": lambda path, columns: path.write_text("    -1\n    58\n    -1\n"),
+    ".lvm": lambda path, columns: path.write_text("LabVIEW Measurement\n***End_of_Header***\n"),
+}  # fmt: skip
+
+
+def test_every_reader_is_tried_with_an_empty_file():
+    """A universal file of another suffix, and further suffixes, have the same readers."""
+    own = {cls for cls in registered().values() if cls.__module__.startswith("piezoharvest")}
+    assert own == {registered()[suffix] for suffix in EMPTY}
+
+
+@pytest.mark.parametrize("columns", [NO_ROWS, NO_LINES, {"force_N": np.empty(0)}], ids=["signals", "response", "one"])
+@pytest.mark.parametrize("suffix", EMPTY)
+def test_a_file_without_samples_is_an_error(tmp_path, monkeypatch, capsys, suffix, columns):
+    monkeypatch.chdir(tmp_path)
+    EMPTY[suffix](tmp_path / f"empty{suffix}", columns)
+    assert main(["new", "campaign", f"empty{suffix}"]) == 2
+    message = capsys.readouterr().err
+    assert f"empty{suffix}: " in message and is_sentence(message.strip())
+    assert [path.name for path in tmp_path.iterdir()] == [f"empty{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npz", ".h5"])
+def test_a_file_without_arrays_is_an_error(tmp_path, monkeypatch, capsys, suffix):
+    monkeypatch.chdir(tmp_path)
+    EMPTY[suffix](tmp_path / f"none{suffix}", {})
+    assert main(["new", "campaign", f"none{suffix}"]) == 2
+    assert f"none{suffix}: found no rows of numbers, at least one is needed" in capsys.readouterr().err
+    assert not (tmp_path / "campaign.toml").exists()
+
+
+def test_the_columns_of_an_empty_file_are_named(tmp_path, monkeypatch, capsys):
+    """Beside a file that is whole, whose campaign is not written either."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.csv").write_text("time_s,force_N\n" + "".join(f"{n / 100},{n % 7}\n" for n in range(50)))
+    EMPTY[".parquet"](tmp_path / "empty.parquet", NO_ROWS)
+    assert main(["new", "campaign", "run.csv", "empty.parquet"]) == 2
+    told = "empty.parquet: found no rows of numbers in its columns time_s, force_N, displacement_m, at least one"
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "campaign.toml").exists()
 
 
 def test_values_that_no_transducer_has_are_told(tmp_path, measured):

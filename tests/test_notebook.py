@@ -6,7 +6,25 @@ import matplotlib
 import numpy as np
 import pytest
 
-from piezoharvest import Campaign, DesignOptions, ParallelSSHI, SineForce, Study, System, Transducer, design, simulate
+from piezoharvest import (
+    Campaign,
+    DesignOptions,
+    Digital,
+    Hysteresis,
+    Leakage,
+    Mode,
+    ParallelSSHI,
+    Resistor,
+    SineForce,
+    Study,
+    System,
+    Transducer,
+    TwoPort,
+    design,
+    frequency_response,
+    sampled_loop,
+    simulate,
+)
 from piezoharvest.design.result import DesignResult
 from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.specimen import Specimen
@@ -88,6 +106,100 @@ class TestResponse:
         assert response.plot(given) is given and np.array_equal(given.lines[0].get_ydata(), response.waveforms.voltage)
         with pytest.raises(ValueError, match="no waveforms"):
             dataclasses.replace(response, waveforms=None).plot()
+
+
+LEAKY = dataclasses.replace(
+    TRANSDUCER, name="bench <1>", effects=(Leakage(resistance=1e7),), modes=(Mode(mass=0.01, damping=0.1, stiffness=1e4,
+    coupling=1e-3),), hysteresis=Hysteresis(weights=(1e5, 2e5), thresholds=(1e-7, 2e-7)),
+)  # fmt: skip
+FREQUENCIES = np.linspace(40.0, 60.0, 300)
+SPECIMEN = Specimen({"mass": 0.01, "effects.leakage.resistance": 1e7}, np.diag([1e-8, 1e10]), ("linear", "log"), LEAKY,
+                    lacking={"coupling": "a voltage"})  # fmt: skip
+RESISTIVE = System(TRANSDUCER, Resistor(resistance=1e5))
+SAMPLED = Digital(numerator=(1.0,), denominator=(1e5,), sample_time=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("what", "line"),
+    [
+        (lambda: TwoPort.of(TRANSDUCER, FREQUENCIES), "<TwoPort: 300 frequencies from 40 to 60 Hz>"),
+        (lambda: TwoPort.of(TRANSDUCER, 50.0), "<TwoPort: 1 frequency, 50 Hz>"),
+        (lambda: SPECIMEN, "<Specimen: 2 identified values, 1 not identifiable>"),
+        (lambda: dataclasses.replace(SPECIMEN, transducer=None, lacking={}), "<Specimen: 2 identified values>"),
+        (lambda: frequency_response(RESISTIVE, FREQUENCIES),
+         "<FrequencyResponse: 300 frequencies from 40 to 60 Hz, per N of force>"),
+    ],
+)  # fmt: skip
+def test_what_holds_arrays_is_shown_in_a_line_and_a_table(what, line):
+    found = what()
+    assert repr(found) == line
+    assert found._repr_html_().count("<tr>") == 1 + len(found.rows)
+
+
+def test_waveforms_are_a_line_and_a_table(response):
+    waves = response.waveforms
+    n, span, events = len(waves.time), waves.time[-1] - waves.time[0], len(waves.event_times)
+    assert repr(waves) == f"<Waveforms: {n} samples over {span:.4g} s, {events} events>"
+    rows = {row["quantity"]: (row["unit"], row["most"]) for row in waves.rows}
+    assert rows["voltage"] == ("V", waves.voltage.max()) and len(rows) == 10
+
+
+def test_a_sampled_loop_is_a_line():
+    text = repr(sampled_loop(System(TRANSDUCER, SAMPLED)))
+    assert text.startswith("<SampledLoop: ") and " states, every 1e-05 s, radius 0.99" in text and len(text) < 100
+
+
+def test_a_batch_of_designs_is_one_line():
+    loads = np.array([[1e4], [1e5]])
+    found = frequency_response(System(TRANSDUCER, Resistor(resistance=loads)), FREQUENCIES)
+    assert repr(found) == "<FrequencyResponse: 2 designs at 300 frequencies from 40 to 60 Hz, per N of force>"
+    assert {row["quantity"]: row["unit"] for row in found.rows}["harvested_power"] == "W/N^2"
+
+
+def test_tables_hold_the_values():
+    port = TwoPort.of(TRANSDUCER, FREQUENCIES)
+    row = next(row for row in port.rows if row["quantity"] == "z12")
+    assert row == {"quantity": "z12", "unit": "N/A", "least": abs(port.z[:, 0, 1]).min(),
+                   "most": abs(port.z[:, 0, 1]).max()}  # fmt: skip
+    values = {row["parameter"]: (row.get("value"), row.get("unit")) for row in SPECIMEN.rows}
+    assert values == {
+        "mass": (0.01, "kg"), "effects.leakage.resistance": (1e7, "ohm"), "coupling": (None, None),
+    }  # fmt: skip
+
+
+def test_a_transducer_has_a_table():
+    rows = {row["parameter"]: (row["value"], row["unit"]) for row in LEAKY.rows}
+    wanted = {
+        "mass": (0.01, "kg"), "coupling": (1e-3, "N/V"), "modes.0.stiffness": (1e4, "N/m"),
+        "hysteresis.thresholds.1": (2e-7, "C"), "effects.leakage.resistance": (1e7, "ohm"),
+    }  # fmt: skip
+    assert rows.items() >= wanted.items() and "effective_mass" not in rows
+    page = LEAKY._repr_html_()
+    assert "<caption>bench &lt;1&gt;, 50 Hz shorted, k_e^2 0.02533</caption>" in page
+    assert "<td>capacitance</td><td>4e-08</td><td>F</td><td>clamped capacitance C</td>" in page
+    assert repr(LEAKY).startswith("Transducer(mass=0.01, ")  # as Python writes it, to be copied
+
+
+def test_a_table_of_transducers_that_are_a_batch_or_quasi_static():
+    batch = dataclasses.replace(TRANSDUCER, stiffness=np.array([[900.0], [1000.0]]))
+    assert "<caption>transducer, a batch of designs</caption>" in batch._repr_html_()
+    assert "<td>2 from 900 to 1000</td>" in batch._repr_html_()
+    film = dataclasses.replace(TRANSDUCER, quasi_static=True)
+    assert film.heading == "transducer, k_e^2 0.02533"
+    assert not {"mass", "damping"} & {row["parameter"] for row in film.rows}
+
+
+def test_frames_of_what_holds_arrays(response):
+    pytest.importorskip("pandas")
+    port, swept = TwoPort.of(TRANSDUCER, FREQUENCIES), frequency_response(RESISTIVE, FREQUENCIES)
+    waveforms = response.waveforms
+    for found, index, column, wanted in (
+        (port, "frequency", "z22", port.z[:, 1, 1]), (swept, "frequency", "voltage", swept.voltage),
+        (waveforms, "time", "voltage", waveforms.voltage),
+    ):  # fmt: skip
+        table = found.to_frame()
+        assert table.index.name == index
+        np.testing.assert_array_equal(table[column], wanted)
 
 
 def test_a_design(designed):

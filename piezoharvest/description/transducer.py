@@ -6,6 +6,7 @@ Source: Goldfarb & Celanovic, ASME J. Dyn. Syst. Meas. Control 119(3), 478-485, 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,9 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.effects.nameless.kinds import in_a_path
 from piezoharvest.description.figures import Figures, Modal, data_sheet
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity
+from piezoharvest.notebook import Row, Shown
 
 INERT = ("mass", "damping")  # of a mode; a quasi-static specimen has neither
 # A quasi-static specimen follows its drive within this share of a sample: the error is far below the least noise that a
@@ -79,7 +82,7 @@ class Electrode(Component):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Transducer(Component):
+class Transducer(Component, Shown):
     """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes and electrodes, effects.
 
     Equations (docs/equations.md): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
@@ -123,6 +126,22 @@ class Transducer(Component):
             if len(electrode.couplings) != wanted:
                 found = f"found {len(electrode.couplings)} for {wanted} mode{'s' if wanted > 1 else ''}"
                 raise ParameterError(f"electrodes.{n}.coupling", f"{found}, each mode needs one")
+
+    @property
+    def heading(self) -> str:
+        """Its name, with the resonance and coupling of its first mode; those of a batch of designs are in the table."""
+        name = self.name or "transducer"
+        if np.size(self.stiffness * self.mass * self.coupling * self.capacitance) != 1:
+            return f"{name}, a batch of designs"
+        coupling = f"k_e^2 {float(self.coupling_squared):.4g}"
+        resonance = "" if self.quasi_static else f"{float(self.short_circuit_frequency):.4g} Hz shorted, "
+        return f"{name}, {resonance}{coupling}"
+
+    @property
+    def rows(self) -> list[Row]:
+        """Every number of it and of its hysteresis, modes, electrodes and effects, by its path."""
+        left = INERT if self.quasi_static else ()
+        return [row for row in _rows(self, "") if row["parameter"] not in left]
 
     @property
     def all_electrodes(self) -> tuple[Pair, ...]:
@@ -278,3 +297,19 @@ class Transducer(Component):
     def open_circuit_frequency(self) -> float:
         """Undamped open-circuit resonance of the first mode, Hz, without hysteresis."""
         return self.short_circuit_frequency * float(np.sqrt(1 + self.coupling_squared))
+
+
+def _rows(part: Any, path: str, field: dataclasses.Field | None = None) -> Iterator[Row]:
+    """Rows of a component, of several, or of one number, whose field gives its unit; a batch by its range."""
+    if isinstance(part, tuple):
+        for n, inner in enumerate(part):
+            word = in_a_path(inner.name) if isinstance(inner, Effect) else n
+            yield from _rows(inner, f"{path}.{word}", field)
+    elif isinstance(part, Component):
+        for each in dataclasses.fields(part):
+            yield from _rows(getattr(part, each.name), f"{path}.{each.name}" if path else each.name, each)
+    elif field is not None and "unit" in field.metadata and part is not None:
+        numbers = np.ravel(part)
+        batch = f"{len(numbers)} from {numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) > 1 else ""
+        value = batch or float(numbers[0])
+        yield {"parameter": path, "value": value, "unit": field.metadata["unit"], "meaning": field.metadata["doc"]}

@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.excitation import Excitation, SineBase, SineForce
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.notebook import Shown, axes_for, frame
+from piezoharvest.notebook import Row, Shown, axes_for, extent, frame
 
 # Figures of a response with their units, as notebooks show them.
 _FIGURES = {
@@ -18,15 +18,17 @@ _FIGURES = {
     "displacement_amplitude": "m", "voltage_amplitude": "V", "dc_voltage": "V", "attenuation_db": "dB", "period": "s",
     "displacement_rms": "m",
 }  # fmt: skip
-_SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
-            "acceleration")  # fmt: skip
-
+# Signals of waveforms with their units.
+_UNITS = {
+    "time": "s", "drive": "N or m/s^2", "displacement": "m", "velocity": "m/s", "voltage": "V", "current": "A",
+    "charge": "C", "hysteresis_voltage": "V", "dc_voltage": "V", "acceleration": "m/s^2",
+}  # fmt: skip
 
 FAILED = "simulation failed:"  # begins the message of a response without results, whose figures are all 0
 
 
-@dataclass(frozen=True, eq=False)
-class Waveforms:
+@dataclass(frozen=True, eq=False, repr=False)
+class Waveforms(Shown):
     """Signals on a common time base, in SI units and the signs of docs/equations.md.
 
     Attributes
@@ -68,6 +70,22 @@ class Waveforms:
     acceleration: np.ndarray
     event_times: np.ndarray
     event_names: tuple[str, ...]
+
+    @property
+    def heading(self) -> str:
+        """How many samples and events it has, and over which time."""
+        n, events = len(self.time), len(self.event_times)
+        span = f" over {self.time[-1] - self.time[0]:.4g} s" if n else ""
+        return f"{n} sample{'' if n == 1 else 's'}{span}, {events} event{'' if events == 1 else 's'}"
+
+    @property
+    def rows(self) -> list[Row]:
+        """The range of each signal."""
+        return [extent(name, unit, getattr(self, name)) for name, unit in _UNITS.items()]
+
+    def to_frame(self) -> Any:
+        """The signals over the time (s) as a `pandas.DataFrame`, in SI units; raises `ImportError`."""
+        return frame({name: getattr(self, name) for name in _UNITS}).set_index("time")
 
     def __eq__(self, other: object) -> bool:
         """True if all samples and events are equal; NaN equals NaN."""
@@ -178,8 +196,7 @@ class Response(Shown):
         """Waveforms as a `pandas.DataFrame` over the time in s; the figures where there are none."""
         if self.waveforms is None:
             return super().to_frame()
-        signals = {name: getattr(self.waveforms, name) for name in _SIGNALS}
-        return frame(signals, index=frame({"time": self.waveforms.time}).set_index("time").index)
+        return self.waveforms.to_frame()
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the voltages over time into axes of matplotlib, or, in a new figure, the displacement above them.

@@ -12,10 +12,17 @@ from piezoharvest.description.circuit import Product
 from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.system import System
 from piezoharvest.linear.assembly import LinearModel, OperatingPoint, angular, assemble, hysteresis_slope
+from piezoharvest.notebook import Row, Shown, extent, frame, over
+
+# Responses with their units, {} that of the drive.
+_UNITS = {
+    "displacement": "m/{}", "velocity": "m/s/{}", "voltage": "V/{}", "current": "A/{}", "charge": "C/{}",
+    "harvested_power": "W/{}^2", "mechanical_power": "W/{}^2",
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class FrequencyResponse:
+@dataclass(frozen=True, repr=False)
+class FrequencyResponse(Shown):
     """Response to a force of peak value 1 N, or with `base` to a base acceleration of 1 m/s^2.
 
     Arrays are of shape (f,), or (designs, f) for a batch of designs; powers grow with the square of the drive.
@@ -45,6 +52,26 @@ class FrequencyResponse:
     harvested_power: np.ndarray
     mechanical_power: np.ndarray
     base: bool = False
+
+    @property
+    def heading(self) -> str:
+        """How many frequencies it has, between which, and to what drive."""
+        designs = f"{len(self.displacement)} designs at " if np.ndim(self.displacement) > 1 else ""
+        return f"{designs}{over(self.frequencies)}, per {'m/s^2 of base acceleration' if self.base else 'N of force'}"
+
+    @property
+    def rows(self) -> list[Row]:
+        """The ranges of frequency and of each response, complex ones by magnitude."""
+        drive = "(m/s^2)" if self.base else "N"
+        found = (extent(name, unit.format(drive), getattr(self, name)) for name, unit in _UNITS.items())
+        return [extent("frequency", "Hz", self.frequencies), *found]
+
+    def to_frame(self) -> Any:
+        """The responses over the frequency (Hz) as a `pandas.DataFrame`, of a batch their ranges; or `ImportError`."""
+        if np.ndim(self.displacement) > 1:
+            return super().to_frame()
+        columns = {name: getattr(self, name) for name in _UNITS}
+        return frame({"frequency": self.frequencies, **columns}).set_index("frequency")
 
     @property
     def efficiency(self) -> np.ndarray:

@@ -31,7 +31,7 @@ _ON_CIRCLE = 1e-3  # relative distance from the imaginary axis of an eigenvalue 
 _CROSSED = 1e-9  # of the logarithm of the loop's gain at a crossing
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SampledLoop:
     """A transducer with a digital shunt from one sample to the next.
 
@@ -45,6 +45,10 @@ class SampledLoop:
 
     matrix: np.ndarray
     sample_time: float
+
+    def __repr__(self) -> str:
+        """The loop in a line."""
+        return f"<SampledLoop: {len(self.matrix)} states, every {self.sample_time:.6g} s, radius {self.radius:.6g}>"
 
     @property
     def poles(self) -> np.ndarray:

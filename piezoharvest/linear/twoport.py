@@ -10,10 +10,11 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import OperatingPoint, angular, connect, hysteresis_slope
+from piezoharvest.notebook import Row, Shown, extent, frame, over
 
 
-@dataclass(frozen=True, eq=False)
-class TwoPort:
+@dataclass(frozen=True, eq=False, repr=False)
+class TwoPort(Shown):
     """Linear two-port at a set of frequencies.
 
     The ports are (F, u), force and velocity, and (v, i_p), voltage and current; u and i_p flow INTO the two-port, so
@@ -30,6 +31,26 @@ class TwoPort:
 
     frequencies: np.ndarray
     z: np.ndarray
+
+    @property
+    def heading(self) -> str:
+        """How many frequencies it has, and between which."""
+        return over(self.frequencies)
+
+    @property
+    def rows(self) -> list[Row]:
+        """The ranges of frequency and of the magnitudes of z."""
+        return [extent("frequency", "Hz", self.frequencies), *(extent(*each) for each in self._named())]
+
+    def to_frame(self) -> Any:
+        """The complex elements of z over the frequency (Hz) as a `pandas.DataFrame`; raises `ImportError`."""
+        columns = {name: values for name, _, values in self._named()}
+        return frame({"frequency": self.frequencies, **columns}).set_index("frequency")
+
+    def _named(self) -> list[tuple[str, str, np.ndarray]]:
+        """Name, unit and values of each element of z."""
+        units = ("N s/m", "N/A", "V s/m", "ohm")
+        return list(zip(("z11", "z12", "z21", "z22"), units, self._elements(), strict=True))
 
     @classmethod
     def of(

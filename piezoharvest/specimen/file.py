@@ -17,6 +17,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.paths import component_table, found_at
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.input import InputError, check_readable
+from piezoharvest.notebook import Shown
 from piezoharvest.output import write_text
 from piezoharvest.study import MAX_TOML_BYTES, StudyError, build_effect, build_transducer, read_specimen
 from piezoharvest.study import unknown as unknown_name
@@ -27,8 +28,8 @@ _ROUNDING = 1e-9
 _HEAD = '# An identified specimen, written by piezoharvest; a study uses it by transducer = "this file".\n'
 
 
-@dataclass(frozen=True, eq=False)
-class Specimen:
+@dataclass(frozen=True, eq=False, repr=False)
+class Specimen(Shown):
     """Identified specimen.
 
     Attributes
@@ -61,6 +62,25 @@ class Specimen:
     measurement: tuple[Effect, ...] = ()
     unknown: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def heading(self) -> str:
+        """How many values were identified, and which parameters the records do not determine."""
+        count = len(self.values)
+        found = f"{count} identified value{'' if count == 1 else 's'}"
+        left = (*self.lacking, *self.unknown)
+        return f"{found}, {len(left)} not identifiable" if left else found
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The parameters, one a row, those that the records do not determine last."""
+        device, errors = self.transducer, self.errors
+        return [
+            *({"parameter": name, "value": value, "std": errors[name],
+               "unit": "" if device is None else found_at(device, name)[1].metadata["unit"], "identifiable": True}
+              for name, value in self.values.items()),
+            *({"parameter": name, "identifiable": False} for name in (*self.lacking, *self.unknown)),
+        ]  # fmt: skip
 
     @property
     def errors(self) -> Mapping[str, float]:

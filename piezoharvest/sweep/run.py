@@ -81,6 +81,8 @@ def sweep(
     form, kinds = schema(study), [shunt.kind for shunt in study.shunts]
     store = Store(out, form, fingerprint(study))
     with store.opened() as (found, foreign):
+        if other := store.replaced():
+            notify(other)
         if foreign:
             notify(f"{store.folder} held partial results of another study or version: starting afresh")
         resumed = done = sum(len(plan.range(number)) for number in found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import pyarrow
 
 SUFFIXES = (".parquet", ".csv")
+_MARK = "sweep"  # key of the fingerprint in the metadata of a part, and of a complete Parquet file
+_LONGEST_HEADER = 2**16  # bytes of the first line of a CSV file that are looked at
 _ROWS = 2**16  # rows of a row group, at least
 
 
@@ -42,7 +44,20 @@ class Store:
         self._target = Path(os.path.realpath(out))
         self.folder = self._target.with_name(f"{self._target.name}.partial")
         self._schema = schema
-        self._marked = schema.with_metadata({"sweep": fingerprint})
+        self._marked = schema.with_metadata({_MARK: fingerprint})
+
+    def replaced(self) -> str:
+        """Sentence on the table of another sweep that is at the file's place; empty if none is.
+
+        A CSV file has no fingerprint: there only other columns tell it.
+        """
+        found = _COLUMNS[self._target.suffix.lower()](self._target)
+        if found is None or not {"design", "shunt", "kind", "converged"} <= set(found[0]):
+            return ""
+        names, mark = found
+        if (mark is None or mark == self._marked.metadata[_MARK.encode()]) and names == self._schema.names:
+            return ""
+        return f"{self._target} holds the table of another study, sweep or version, which the new one will replace"
 
     @contextmanager
     def opened(self) -> Iterator[tuple[set[int], bool]]:
@@ -97,7 +112,7 @@ class Store:
         write_to = _WRITERS[self._target.suffix.lower()]
         whole = self.folder / f"whole{self._target.suffix.lower()}"
         try:
-            with writing(self._target), write_to(whole, self._schema) as write:
+            with writing(self._target), write_to(whole, self._marked) as write:
                 for table in self._groups(parts):
                     write(table)
                     look(table)
@@ -180,3 +195,30 @@ def _csv(path: Path, schema: pyarrow.Schema) -> Iterator[Callable[[pyarrow.Table
 
 
 _WRITERS = {".parquet": _parquet, ".csv": _csv}
+
+
+def _columns_of_parquet(path: Path) -> tuple[list[str], bytes | None] | None:
+    """Names of the columns and fingerprint of a table; None if the file is none or cannot be read."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        schema = parquet.read_schema(path)
+    except (OSError, pa.ArrowException):
+        return None
+    return schema.names, (schema.metadata or {}).get(_MARK.encode())
+
+
+def _columns_of_csv(path: Path) -> tuple[list[str], None] | None:
+    """As `_columns_of_parquet`, from the first line."""
+    try:
+        with path.open("rb") as stream:
+            return stream.readline(_LONGEST_HEADER).decode().strip().split(","), None
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+_COLUMNS: Mapping[str, Callable[[Path], tuple[list[str], bytes | None] | None]] = {
+    ".parquet": _columns_of_parquet,
+    ".csv": _columns_of_csv,
+}

@@ -348,7 +348,7 @@ class TestWrong:
         assert error.path == str(tmp_path / "run.csv")
         assert (error.channel, error.rows) == ("voltage", ((12, 13),))
         assert str(error).endswith("voltage, rows 12-13: found 2 values NaN, infinite or missing, allowed are finite "
-                                   "numbers (and 1 more error)")  # fmt: skip
+                                   "numbers (and 1 more error, shown when this is mended)")  # fmt: skip
         assert [finding.channel for finding in error.campaign.errors] == ["voltage", "current"]
         assert len(error.campaign.records) == 1
 
@@ -551,6 +551,15 @@ class TestFrequencyRecords:
         table = {"frequency_Hz": FREQUENCIES, "real": factor * compliance.real, "imaginary": factor * compliance.imag}
         error = failure(tmp_path, TRANSDUCER + FRF, frf_csv=table)
         assert (error.channel, error.campaign.errors[0].check) == ("response", check)
+
+    @pytest.mark.parametrize(("ohm", "found"), [("5.2 mohm", 0.0052), ("5.2 uohm", 5.2e-6)])
+    def test_a_response_behind_a_load_with_a_wrong_prefix(self, tmp_path, device, ohm, found):
+        """At 5.2 kohm, as most of these lines are below 1/(R C): there the voltage is in proportion to R."""
+        voltage = frequency_response(System(device, Resistor(resistance=5.2e3)), FREQUENCIES).voltage
+        text = TRANSDUCER + FRF.replace("displacement", "voltage").replace("97780.0", f'"{ohm}"')
+        table = {"frequency_Hz": FREQUENCIES, "real": voltage.real, "imaginary": voltage.imag}
+        message = failure(tmp_path, text, frf_csv=table).message
+        assert f"a wrong prefix of the load resistance (found {found:g} ohm, 5200 ohm would do" in message
 
     def test_coherence_beyond_1(self, tmp_path, compliance):
         table = {"frequency_Hz": FREQUENCIES, "real": compliance.real, "imaginary": compliance.imag,

@@ -135,8 +135,63 @@ def test_no_records():
     assert failure(NOMINAL, []).key == failure(NOMINAL, {"data": DATA}).key == "records"
 
 
-def test_channels_that_are_no_table():
-    assert failure(NOMINAL, [{"data": DATA, **KEYS}], channels=[3]).key == "channels"
+RECORDS = 'as in records = [{"data": {"force_N": ..., "displacement_m": ...}, "load_resistance": 1e5}]'
+
+
+@pytest.mark.parametrize(
+    ("records", "found"),
+    [
+        ({"data": DATA, **KEYS}, "a dict"),
+        ("run.csv", "'run.csv'"),
+        (3, "3"),
+        (None, "None"),
+        (Campaign.from_arrays(NOMINAL, [{"data": DATA, **KEYS}]), "a Campaign"),
+    ],
+)
+def test_records_that_are_no_list(records, found):
+    assert failure(NOMINAL, records).message == f"found {found}, must be a list of mappings, {RECORDS}"
+
+
+def test_a_frame_in_the_place_of_records():
+    pandas = pytest.importorskip("pandas")
+    message = failure(NOMINAL, pandas.DataFrame(DATA)).message
+    assert message == f"found a DataFrame, must be a list of mappings, {RECORDS}"
+
+
+@pytest.mark.parametrize(
+    ("record", "found"), [(DATA["force_N"], "a ndarray"), (["x"], "a list"), ("run.csv", "'run.csv'")]
+)
+def test_a_record_that_is_no_mapping(record, found):
+    caught = failure(NOMINAL, [record])
+    assert caught.key == "records.0"
+    assert caught.message == f"found {found}, must be a mapping with the key data, {RECORDS}"
+
+
+@pytest.mark.parametrize("channels", [[3], "force", 3, [{"force": "F"}]])
+def test_channels_that_are_no_table(channels):
+    caught = failure(NOMINAL, [{"data": DATA, **KEYS}], channels=channels)
+    assert caught.key == "channels"
+    example = 'force = { column = "F" } (in Python: {"force": {"column": "F"}})'
+    assert caught.message.endswith(f", must be a table for each channel, as in {example}")
+
+
+@pytest.mark.parametrize(
+    ("source", "found", "toml", "python"),
+    [
+        ("Kraft", "'Kraft'", '{ column = "Kraft" }', '{"column": "Kraft"}'),
+        (2, "2", "{ column = 2 }", '{"column": 2}'),
+        (["a", "b"], "a list", '{ column = "F" }', '{"column": "F"}'),
+        (DATA["force_N"], "a ndarray", '{ column = "F" }', '{"column": "F"}'),
+    ],
+)
+@pytest.mark.parametrize("own", [False, True])
+def test_a_channel_that_is_no_table(source, found, toml, python, own):
+    """The campaign's channels and those of one record."""
+    channels = {"channels": {"force": source}}
+    record = {"data": DATA, **KEYS, **(channels if own else {})}
+    caught = failure(NOMINAL, [record], **({} if own else channels))
+    assert caught.key == ("records.0.channels.force" if own else "channels.force")
+    assert caught.message == f"found {found}, must be a table, as in force = {toml} (in Python: {python})"
 
 
 def test_a_transducer_with_further_electrodes():

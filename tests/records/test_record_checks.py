@@ -25,7 +25,7 @@ from record_cases import (
     with_values,
 )
 
-from piezoharvest.description.shunts import SSDI, Open, Short
+from piezoharvest.description.shunts import SSDI, Open, Resistor, Short
 from piezoharvest.records.checks import check
 from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.finding import runs
@@ -397,6 +397,44 @@ class TestAgainstTheModel:
         of, device = stack_sine()
         finding = only(with_values(of, force=factor * of["force"]), device, "unit", "force", "error")
         assert f"is it {unit}?" in finding.message
+
+    @pytest.mark.parametrize("without", [(), ("current",), ("displacement", "current")])
+    @pytest.mark.parametrize("power", [3, 6, 9, 12])
+    def test_a_load_with_a_wrong_prefix(self, power, without):
+        """1 mohm for 1 Mohm makes the voltage 1e9 too large: no one measures nV."""
+        clean, device = generator(BENCH, resistor(1e6), sine(47.0, 0.02, 0.0), duration=2.0, rate=2000.0)
+        of = measured(clean, noise=1e-3, without=without)
+        assert check(of, device) == ()
+        wrong = replace(of, shunt=Resistor(resistance=10.0 ** (6 - power)))
+        message = only(wrong, device, "unit", "voltage", "error").message
+        load = f"a wrong prefix of the load resistance (found {10.0 ** (6 - power):g} ohm, 1e+06 ohm would do"
+        assert load in message
+        assert ("likely a wrong unit" in message) == (power <= 6)  # mV and uV are as likely
+        assert "nV" not in message
+
+    def test_a_load_with_too_large_a_prefix(self):
+        clean, device = generator(BENCH, resistor(1e4), sine(47.0, 0.02, 0.0), duration=2.0, rate=2000.0)
+        of = measured(clean, noise=1e-3)
+        wrong = replace(of, shunt=Resistor(resistance=1e13))
+        assert "likely a wrong prefix of the load resistance (found 1e+13 ohm, 10000 ohm" in (
+            found(wrong, device)["unit", "current"].message
+        )
+        voltage = replace(measured(clean, without=("current",)), shunt=Resistor(resistance=1e13))
+        assert "; likely a wrong prefix of the load resistance, 1e+13 ohm" in (
+            found(voltage, device)["too short", "time"].message
+        )
+
+    def test_another_value_of_the_load_with_a_wrong_prefix(self):
+        shunt = {"kind": "series_rl", "resistance": 1e4, "inductance": 50.0}
+        clean, device = generator(BENCH, shunt, sine(47.0, 0.02, 0.0), duration=2.0, rate=2000.0)
+        wrong = replace(measured(clean, noise=1e-3), shunt=replace(clean.shunt, inductance=5e7))
+        messages = [finding.message for finding in check(wrong, device)]
+        assert any("a wrong prefix of the inductance of the load (found 5e+07 H, 50 H" in text for text in messages)
+
+    def test_a_wrong_unit_that_no_load_explains(self):
+        of, device = stack_sine()
+        message = only(with_values(of, displacement=1e3 * of["displacement"]), device, "unit", "displacement", "error")
+        assert "load" not in message.message
 
     @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
     def test_sign(self, channel):

@@ -216,6 +216,42 @@ def test_done_again_replaces_the_file(quick, tmp_path):
     assert (tmp_path / "out.parquet").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("suffix", "change"),
+    [
+        ("parquet", ("frequency = 50.6", "frequency = 50.7")),
+        ("parquet", ("count = 150", "count = 151")),
+        ("parquet", ("load_resistance", "quality")),
+        ("csv", ('["harvested_power"]', '["harvested_power", "closure"]')),
+    ],
+)
+def test_the_table_of_another_sweep_is_replaced_and_that_is_said(quick, tmp_path, suffix, change):
+    assert change[0] in SHORT
+    quick(SHORT.replace(LOADS, LOADS.replace(*change)) if change[0] in LOADS else SHORT.replace(*change),
+          name=f"out.{suffix}")  # fmt: skip
+    old = (tmp_path / f"out.{suffix}").read_bytes()
+    sentence = (
+        f"{tmp_path}/out.{suffix} holds the table of another study, sweep or version, which the new one will replace"
+    )
+    assert quick(SHORT, 1, name=f"out.{suffix}") == (64, [sentence, "interrupted"])
+    assert (tmp_path / f"out.{suffix}").read_bytes() == old  # until the new one is complete
+    assert quick(SHORT, name=f"out.{suffix}")[1][0] == sentence
+    assert quick(SHORT, name=f"out.{suffix}") == (150, [])
+
+
+def test_a_table_of_another_version_is_replaced_and_that_is_said(quick, monkeypatch):
+    quick(SHORT)
+    monkeypatch.setattr("piezoharvest.sweep.fingerprint.__version__", "0.0.1")
+    assert [text.partition(" holds ")[2][:35] for text in quick(SHORT)[1]] == ["the table of another study, sweep o"]
+
+
+@pytest.mark.parametrize("name", ["out.parquet", "out.csv"])
+@pytest.mark.parametrize("content", [b"", b"old", b"a,b\n1,2\n", b"\xff\xfe"])
+def test_a_file_that_is_no_table_of_a_sweep_is_replaced(quick, tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    assert quick(SHORT, name=name) == (150, [])
+
+
 def test_what_else_is_in_the_folder_stays(quick, tmp_path):
     folder = tmp_path / "out.parquet.partial"
     folder.mkdir()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from piezoharvest.description.shunts import LinearShunt, Short
+from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import poles
@@ -16,6 +17,7 @@ from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
 
+_MISTAKEN = 1e3  # durations: who waits too short a time does so by less than a prefix
 _MAX_LOST_SHARE = 0.05  # of a response's amplitude, between samples
 _LIMITED_BANDWIDTH = 0.4  # cycles per sample, up to which the interpolation of records is accurate
 _MAX_SHARE_ABOVE = 1e-3  # of a drive's power
@@ -35,6 +37,8 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
     if record.duration < slowest:
         found = f"the record lasts {record.duration:.4g} s, less than the slowest time constant"
         message = f"{found} of the nominal model, {slowest:.4g} s"
+        if isinstance(shunt, Resistor) and shunt.resistance * transducer.capacitance > _MISTAKEN * record.duration:
+            message += f"; likely a wrong prefix of the load resistance, {shunt.resistance:g} ohm"
         rows = shifted([(0, len(record) - 1)], record.time.first_row)
         yield Finding("warning", "too short", record.time.file, "time", rows, message)
 

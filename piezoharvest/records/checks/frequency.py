@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.checks.model import ELECTRIC
 from piezoharvest.records.checks.raw import ALLOWED_MAGNITUDES, impossible_magnitudes
-from piezoharvest.records.checks.score import MAX_FACTOR
+from piezoharvest.records.checks.score import MAX_FACTOR, likely_cause
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.reading.channels import RATES
@@ -78,7 +80,16 @@ def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[
     ratio, opposed = _deviation(response[few], placed if placed is not None else expected[:, few])
     if ratio:
         what = f"values of {_times(ratio)} times what the nominal model gives"
-        allowed = f"those up to {MAX_FACTOR:g} times more or less; likely a wrong unit"
+
+        def misfit(load: Shunt) -> float | None:
+            behind = dataclasses.replace(record, shunt=load)
+            others = _with_shifted_resonances(behind, transducer, few)
+            if others is None or any(_deviation(response[few], others)):
+                return None
+            return abs(float(np.median(np.log(np.abs(response[few]) / np.abs(others)))))
+
+        cause = likely_cause(record.shunt, misfit, "a wrong unit", "a wrong unit") or "likely a wrong unit"
+        allowed = f"those up to {MAX_FACTOR:g} times more or less; {cause}"
         yield from _found(record, "unit", "response", everything, what, allowed)
     if opposed:
         what = "values against what the nominal model gives"

@@ -7,16 +7,17 @@ with the drive and above its own noise.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
 
-from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.records.checks.score import MAX_FACTOR, Score, scores_of
+from piezoharvest.records.checks.score import MAX_FACTOR, Score, likely_cause, scores_of
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
@@ -37,7 +38,14 @@ def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> I
     if swapped:
         yield _finding(record, "swapped", swapped[0], _swap_message(*swapped))
         scores = {} if record.drive in swapped else {c: score for c, score in scores.items() if c not in swapped}
-    yield from _wrong_units(record, scores)
+
+    def misfit(load: Shunt) -> float | None:
+        behind = dataclasses.replace(record, shunt=load)
+        others = scores_of(behind, {channel: spectra[channel] for channel in record.signals}, spectra, transducer)
+        judged = [others[channel] for channel, score in scores.items() if score.judged]
+        return sum(abs(np.log(score.factor)) for score in judged) if all(score.fine for score in judged) else None
+
+    yield from _wrong_units(record, scores, misfit)
     yield from _wrong_signs(record, scores, lambda: _with_other_polarity(record, spectra, transducer))
     if "current" in record.responses and not wrong and not isinstance(record.shunt, LinearShunt):
         yield from _beyond_charge(record, transducer)
@@ -96,8 +104,13 @@ def _is_better(score: Score, exchanged: Score) -> bool:
     return abs(np.log(score.factor)) - abs(np.log(exchanged.factor)) > np.log(_MUCH_NEARER)
 
 
-def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Finding]:
-    """Findings for channels coherent with the prediction but of another magnitude; for the drive, if all are."""
+def _wrong_units(
+    record: Record, scores: Mapping[str, Score], misfit: Callable[[Shunt], float | None]
+) -> Iterator[Finding]:
+    """Findings for channels coherent with the prediction but of another magnitude; for the drive, if all are.
+
+    `misfit` is that of all channels behind another load, which is named where they agree with the prediction.
+    """
     off = {c: score for c, score in scores.items() if score.judged and (score.too_large or score.too_small)}
     factors = [score.factor for score in off.values()]
     alike = len(off) > 1 and max(factors) < MAX_FACTOR * min(factors)
@@ -106,11 +119,11 @@ def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
         message = (
             f"found {factor:.2g} times the {_named(record.drive)} that the nominal model infers from all responses"
         )
-        yield _finding(record, "unit", record.drive, f"{message}, {_unit_hint(record, record.drive, factor)}")
+        yield _finding(record, "unit", record.drive, f"{message}, {_unit_hint(record, record.drive, factor, misfit)}")
         return
     for channel, score in off.items():
         message = f"found {score.factor:.2g} times what the nominal model gives for this {_named(record.drive)}"
-        yield _finding(record, "unit", channel, f"{message}, {_unit_hint(record, channel, score.factor)}")
+        yield _finding(record, "unit", channel, f"{message}, {_unit_hint(record, channel, score.factor, misfit)}")
 
 
 def _beyond_charge(record: Record, transducer: Transducer) -> Iterator[Finding]:
@@ -138,12 +151,17 @@ def _beyond_charge(record: Record, transducer: Transducer) -> Iterator[Finding]:
         yield _finding(record, "unit", "current", f"found at least {factor:.2g} {than}, {hint}")
 
 
-def _unit_hint(record: Record, channel: str, factor: float) -> str:
-    """Text with what is allowed, and the unit that would explain the factor."""
+def _unit_hint(
+    record: Record, channel: str, factor: float, misfit: Callable[[Shunt], float | None] | None = None
+) -> str:
+    """Text with what is allowed, and the unit, or the load, that would explain the factor."""
     prefix = _prefix(factor / record.signals[channel].factor)
     told = prefix is not None and channel != "base_acceleration" and _prefix(factor) != ""
     unit = f" (is it {prefix}{UNITS[channel]}?)" if told else ""
-    return f"a factor of up to {MAX_FACTOR:g} either way is allowed; likely a wrong unit{unit} or `gain`"
+    allowed = f"a factor of up to {MAX_FACTOR:g} either way is allowed"
+    cause = f"a wrong unit{unit} or `gain`"
+    load = None if misfit is None else likely_cause(record.shunt, misfit, cause, "a wrong unit or `gain`")
+    return f"{allowed}; {load or f'likely {cause}'}"
 
 
 def _prefix(factor: float) -> str | None:

@@ -1,12 +1,17 @@
-"""Comparison of responses with the predictions of the nominal model, in the lines with the drive's energy."""
+"""Comparison of responses with the predictions of the nominal model, in the lines with the drive's energy.
+
+Where they disagree, another prefix of a value of the load ("1 mohm" for "1 Mohm") may be the reason.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt, Resistor, Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.expectation import Transfers, transfers
 from piezoharvest.records.record import Record
@@ -18,6 +23,12 @@ _NEARLY_BEST = 0.8  # of the best variant's coherence
 _MAX_OPPOSED_AGREEMENT = -0.5
 _MIN_POWER_RATIO = 10.0  # in power
 _MAX_LINE_SHARE = 0.2  # largest share of the drive's lines, up to its highest: the others show the noise
+# Powers of ten between the prefixes that are taken for one another: m and M are 9 apart, u and M 12, neighbours 3, a
+# prefix that was left out 3 or 6. The least change is told, unless a larger one is nearer by more than a factor of two,
+# which nominal values may be off.
+_POWERS = (3, -3, 6, -6, 9, -9, 12, -12)
+_NEARER = float(np.log(2.0))
+_FAR = 6  # decades; beyond them a prefix of the load is likelier than a unit such as nV, which nobody records
 
 
 @dataclass(frozen=True)
@@ -118,3 +129,53 @@ def _score(response: np.ndarray, some: np.ndarray, lines: np.ndarray, expected: 
         agreement=float(np.max(correlation.real[fit >= _NEARLY_BEST * fit.max()])), coherence=float(fit.max()),
         stands_out=stands_out,
     )  # fmt: skip
+
+
+def likely_cause(shunt: Shunt | None, misfit: Callable[[Shunt], float | None], cause: str, plain: str) -> str | None:
+    """Text of a message that says what is likely wrong, the load as well.
+
+    Parameters
+    ----------
+    shunt : Shunt or None
+        As the campaign says.
+    misfit : callable
+        Logarithm of the factor by which a record is off what is expected behind another load; None if it disagrees.
+    cause : str
+        What else may be wrong, such as "a wrong unit (is it mV?)".
+    plain : str
+        The same without a guess of the unit, where the load is the likelier cause.
+
+    Returns
+    -------
+    str or None
+        None if no other prefix of a value of the load makes the record agree.
+    """
+    best: tuple[float, Shunt, str, int] | None = None
+    for other, name, power in _with_other_prefixes(shunt):
+        off = misfit(other)
+        if off is not None and (best is None or off < best[0] - _NEARER):
+            best = off, other, name, power
+    if best is None:
+        return None
+    _, other, name, power = best
+    found, right = getattr(shunt, name), getattr(other, name)
+    field = next(field for field in dataclasses.fields(other) if field.name == name)
+    what = field.metadata["doc"] if isinstance(shunt, Resistor) else f"{name} of the load"
+    unit = field.metadata["unit"]
+    prefixes = "; the prefix m is 1e-3, M is 1e6" if abs(power) >= _FAR else ""
+    load = f"a wrong prefix of the {what} (found {found:g} {unit}, {right:g} {unit} would do{prefixes})"
+    return f"likely {load}, or {plain}" if abs(power) > _FAR else f"likely {cause}, or {load}"
+
+
+def _with_other_prefixes(shunt: Shunt | None) -> Iterator[tuple[Shunt, str, int]]:
+    """Loads with one value changed by a prefix, the value's name and the power of ten."""
+    if not isinstance(shunt, LinearShunt):  # behind diodes and switches there is no prediction
+        return
+    for power in _POWERS:
+        for field in dataclasses.fields(shunt):
+            value = getattr(shunt, field.name)
+            if field.metadata.get("unit") and isinstance(value, float) and value != 0.0:
+                try:
+                    yield dataclasses.replace(shunt, **{field.name: value * 10.0**power}), field.name, power
+                except ValueError:  # a value that cannot be
+                    continue

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import tomli_w
+
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
-from piezoharvest.description.parameters import Component, ParameterError, described, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, named_kind, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers.units import ratio_of
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
@@ -190,11 +192,17 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {repr(tables)[:80]}, must be a table for each channel")
+        example = 'force = { column = "F" } (in Python: {"force": {"column": "F"}})'
+        raise ParameterError(where, f"found {named_kind(tables)}, must be a table for each channel, as in {example}")
     found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:
             raise unknown(f"{where}.{channel}", channel, units, "channel")
+        if not isinstance(table, dict):
+            column = tomli_w.dumps({"column": table if isinstance(table, str | int) else "F"}).strip()
+            toml, python = f"{{ {column} }}", f"{{{column.replace('column =', chr(34) + 'column' + chr(34) + ':')}}}"
+            told = f"found {named_kind(table)}, must be a table, as in {channel} = {toml}"
+            raise ParameterError(f"{where}.{channel}", f"{told} (in Python: {python})")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             check_unit(source.unit, units[channel], levels=channel == "magnitude")

@@ -8,10 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from piezoharvest.description.parameters import named_kind
 from piezoharvest.readers.base import Reader, ReadError, check_count, cut, numbers
 from piezoharvest.records.errors import CampaignError
 
 _OF_FILES = {"file", "skip_rows", "header_row"}  # keys of [[records]] that only records in files have
+
+_EXAMPLE = 'as in records = [{"data": {"force_N": ..., "displacement_m": ...}, "load_resistance": 1e5}]'
 
 
 def in_memory(records: Any, path: Path) -> tuple[list[dict[str, Any]], list[InMemory]]:
@@ -28,12 +31,13 @@ def in_memory(records: Any, path: Path) -> tuple[list[dict[str, Any]], list[InMe
     CampaignError
         A record has no data, or data that is none.
     """
-    if isinstance(records, Mapping | str) or not isinstance(records, Iterable):
-        raise CampaignError(path, "records", f"found {repr(records)[:60]}, must be a sequence of mappings")
+    if isinstance(records, Mapping | str) or not isinstance(records, Iterable) or hasattr(records, "columns"):
+        raise CampaignError(path, "records", f"found {named_kind(records)}, must be a list of mappings, {_EXAMPLE}")
     tables, readers = [], []
     for n, record in enumerate(records):
         if not isinstance(record, Mapping):
-            raise CampaignError(path, f"records.{n}", f"found {repr(record)[:60]}, must be a mapping with the key data")
+            needed = f"must be a mapping with the key data, {_EXAMPLE}"
+            raise CampaignError(path, f"records.{n}", f"found {named_kind(record)}, {needed}")
         for key in sorted(_OF_FILES & set(record)):
             found = "found a key of records in files, but data is a mapping of arrays or a DataFrame"
             raise CampaignError(path, f"records.{n}.{key}", found)

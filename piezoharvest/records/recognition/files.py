@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 
 from piezoharvest.readers import Reader, ReadError, open_reader
-from piezoharvest.readers.base import last_part
+from piezoharvest.readers.base import last_part, shown
 from piezoharvest.readers.units import Unit, ratio_of, stated_unit
 from piezoharvest.records.reading.channels import COLUMNS, UNITS
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry
@@ -122,10 +122,14 @@ def look_into(path: Path) -> FoundFile:
     Raises
     ------
     ReadError
-        It cannot be read.
+        It cannot be read, or holds no numbers.
     """
     with open_reader(path) as reader:
-        return _spectrum(reader, path) or _signals(reader, path)
+        found = _spectrum(reader, path) or _signals(reader, path)
+        if found.count == 0:
+            where = f" in its columns {shown(reader.names)}" if any(reader.names) else ""
+            raise ReadError(f"found no rows of numbers{where}, at least one is needed")
+        return found
 
 
 def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
