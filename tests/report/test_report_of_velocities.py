@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pages import figures_on_the_page_only
 from scipy.integrate import solve_ivp
 from sweeps import linear_sweep
 
@@ -38,5 +39,6 @@ def found():
 def test_is_written(found, tmp_path):
     assert [each.effect.name for each in found.effects] == ["stiffening"]
     assert found.effects[0].effect.cubic_stiffness == pytest.approx(CUBIC, rel=0.01)
-    page = write_diagnosis(found, tmp_path / "report").read_text()
+    with figures_on_the_page_only():
+        page = write_diagnosis(found, tmp_path / "report").read_text()
     assert "Where it shows: velocity" in page
