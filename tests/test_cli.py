@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import psutil
 import pytest
+from pages import figures_on_the_page_only
 from pyarrow import parquet
 
 import piezoharvest.cli
@@ -552,7 +553,8 @@ class TestDesign:
         assert 0 < candidate["harvested_power"] <= 0.02**2 / (8 * 0.0628) * 1.001
 
     def test_report(self, study, run, tmp_path):
-        status, out, _ = run("design", study, "--report", "report/here")
+        with figures_on_the_page_only():
+            status, out, _ = run("design", study, "--report", "report/here")
         assert status == 0
         assert "resistor" in out
         page = tmp_path / out.splitlines()[-1]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import figures_on_the_page_only
 
 from piezoharvest.cli.tables import print_design
 from piezoharvest.description.excitation import SineForce
@@ -305,7 +306,8 @@ def test_table_and_report(host, tmp_path, capsys, objective, words):
     )
     result = design(study)
     parts = next(c.parts for c in result.candidates if c.parts)
-    page = write_report(study, result, tmp_path).read_text(encoding="utf-8")
+    with figures_on_the_page_only():
+        page = write_report(study, result, tmp_path).read_text(encoding="utf-8")
     table = re.search(r'<table class="bought">.*?</table>', page, re.DOTALL)
     assert table and words in page and "E6, ±10\u202f%" in page
     assert f"<strong>{engineering(parts.values['inductance'], 'H', exact=True)}</strong>" in table[0]

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from pages import figures_on_the_page_only
 
 from piezoharvest import load_campaign
 from piezoharvest.description.effects import registered
@@ -94,10 +95,12 @@ def test_reports_show_the_response_and_one_ratio_to_the_noise(tmp_path):
     measured = campaign(tmp_path, 1e-6)
     found = identify(measured)
     (told,) = re.findall(r"the residual is ([\d.]+) times the noise", found.warnings[0])
-    page = write_identification(found, tmp_path / "identified").read_text(encoding="utf-8")
+    with figures_on_the_page_only():
+        page = write_identification(found, tmp_path / "identified").read_text(encoding="utf-8")
     assert f"relative to the noise: voltage/current {told}." in page
     assert f'<span class="bad">{told}</span>' in page
-    page = write_diagnosis(diagnose(measured), tmp_path / "diagnosed").read_text(encoding="utf-8")
+    with figures_on_the_page_only():
+        page = write_diagnosis(diagnose(measured), tmp_path / "diagnosed").read_text(encoding="utf-8")
     assert 'id="figure-response_1"' in page and "impedance.csv (fitted)" in page
     for effect in registered():
         assert f'data-effect="{effect}"' in page

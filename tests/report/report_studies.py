@@ -3,16 +3,14 @@
 import dataclasses
 import re
 import tempfile
-from contextlib import contextmanager
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
-import pytest
+from pages import figures_on_the_page_only
 
 from piezoharvest.design import design
 from piezoharvest.report import write_report
-from piezoharvest.report.figures import style
 from piezoharvest.study import study_from
 
 BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}
@@ -58,6 +56,13 @@ def report(name):
 
 
 @cache
+def page_of(name):
+    """The same, with empty files of figures beside it."""
+    with figures_on_the_page_only():
+        return write_report(*designed(name), Path(_KEPT.name) / f"page of {name}")
+
+
+@cache
 def untrusted_report():
     """HTML file of a report whose best candidate did not converge, whose next breaks a limit, whose last failed."""
     study, result = designed("bench")
@@ -77,15 +82,6 @@ def untrusted_report():
     result = dataclasses.replace(result, candidates=candidates, notes=notes)
     with figures_on_the_page_only():
         return write_report(study, result, Path(_KEPT.name) / "untrusted")
-
-
-@contextmanager
-def figures_on_the_page_only():
-    """Draw figures into the page, not into the files beside it, which take most of the time of a report."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("write_png", "write_pdf"):
-            patch.setattr(style, name, lambda figure, stream: None)
-        yield
 
 
 def _failed(response, message, **changes):

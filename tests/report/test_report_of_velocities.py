@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pages import figures_on_the_page_only
 from scipy.integrate import solve_ivp
 from sweeps import linear_sweep
 
@@ -10,7 +11,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.report.diagnosis import write_diagnosis
 
 TRUE = {"mass": 0.0123, "damping": 0.21, "stiffness": 4200.0, "coupling": 2.1e-3, "capacitance": 62e-9}
-RATE, DURATION, LOAD, CUBIC = 3000.0, 1.0, 150e3, 6e8
+RATE, DURATION, LOAD, CUBIC = 2000.0, 1.0, 150e3, 6e8
 SWEEP = linear_sweep(50.0, DURATION, 130.0)  # Hz
 
 
@@ -27,7 +28,7 @@ def found():
             x, v, u = y.tolist()
             return [v, (force(t) - b * v - k * x - CUBIC * x**3 + coupling * u) / m, (-coupling * v - u / LOAD) / c]
 
-        options = {"method": "DOP853", "rtol": 1e-8, "atol": [1e-11, 1e-9, 1e-8], "max_step": 1e-3}
+        options = {"method": "DOP853", "rtol": 1e-7, "atol": [1e-10, 1e-8, 1e-7]}
         _, v, u = solve_ivp(rates, (0.0, time[-1]), [0, 0, 0], t_eval=time, **options).y
         data = {"force_N": force(time), "velocity_m_s": v, "voltage_V": u}
         data = {name: values + 2e-3 * values.std() * rng.normal(size=len(time)) for name, values in data.items()}
@@ -38,5 +39,6 @@ def found():
 def test_is_written(found, tmp_path):
     assert [each.effect.name for each in found.effects] == ["stiffening"]
     assert found.effects[0].effect.cubic_stiffness == pytest.approx(CUBIC, rel=0.01)
-    page = write_diagnosis(found, tmp_path / "report").read_text()
+    with figures_on_the_page_only():
+        page = write_diagnosis(found, tmp_path / "report").read_text()
     assert "Where it shows: velocity" in page
