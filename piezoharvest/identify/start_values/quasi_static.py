@@ -8,6 +8,7 @@ else be taken for leakage or relaxation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -120,14 +121,10 @@ def nominal_fit(problem: Problem, found: Fit, quasi_static: Fit) -> Fit | None:
         if parameter.path[-1] in INERT:
             transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
     model = replace(found.model, transducer=transducer, parameters=_without_inert(found.model))
-    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
-    try:
-        other = fit(problem, model, nuisance, found.noise, estimate_noise=False)
-    except (PredictionError, np.linalg.LinAlgError):
-        return None
+    other = _fit_if_followed(problem, model, nuisance_for_model(problem, found.model, found.nuisance, model), found)
     excess = excess_of(quasi_static)
     allowed = max(MIN_CONTRADICTION, MAX_SHARE_OF_EXCESS * excess)
-    return other if excess_of(other) < excess + allowed else None
+    return other if other is not None and excess_of(other) < excess + allowed else None
 
 
 def is_better_left_out(problem: Problem, quasi_static: Problem, found: Fit) -> bool:
@@ -167,8 +164,13 @@ def _fit_quasi_statically(problem: Problem, quasi_static: Problem, found: Fit) -
     kept, channels = _without_inert(found.model), found.model.offset_channels
     model = Model(as_quasi_static(found.model.transducer), kept, channels, found.model.relaxed)
     nuisance = nuisance_for_problem(problem, found.nuisance, quasi_static, model)
+    return _fit_if_followed(quasi_static, model, nuisance, found)
+
+
+def _fit_if_followed(problem: Problem, model: Model, nuisance: Sequence[np.ndarray], found: Fit) -> Fit | None:
+    """Fit with the noise of another one; None if the model cannot follow the records."""
     try:
-        return fit(quasi_static, model, nuisance, found.noise, estimate_noise=False)
+        return fit(problem, model, nuisance, found.noise, estimate_noise=False)
     except (PredictionError, np.linalg.LinAlgError):
         return None
 
