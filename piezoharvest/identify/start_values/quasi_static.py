@@ -161,8 +161,8 @@ def is_far_from_quasi_static(problem: Problem, beginnings: Problem, found: Fit) 
 
 def _fit_quasi_statically(problem: Problem, quasi_static: Problem, found: Fit) -> Fit | None:
     """Fit of the quasi-static specimen from that of another one; None if it cannot follow the records."""
-    kept, channels = _without_inert(found.model), found.model.offset_channels
-    model = Model(as_quasi_static(found.model.transducer), kept, channels, found.model.relaxed)
+    still = as_quasi_static(found.model.transducer)
+    model = replace(found.model, transducer=still, parameters=_without_inert(found.model))
     nuisance = nuisance_for_problem(problem, found.nuisance, quasi_static, model)
     return _fit_if_followed(quasi_static, model, nuisance, found)
 
