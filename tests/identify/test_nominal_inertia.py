@@ -11,7 +11,12 @@ import pytest
 from scipy.linalg import expm
 
 from piezoharvest import Campaign, Transducer
+from piezoharvest.description.effects.electrical.dielectric_relaxation import DielectricRelaxation
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.start_values.quasi_static import as_quasi_static, is_better_left_out
 
 MASS, DAMPING, STIFFNESS, COUPLING, CAPACITANCE = 0.0165, 1290.0, 3.13e8, 7.69, 3.22e-6
 NOMINAL = Transducer(mass=0.0158, damping=1250.0, stiffness=3.1e8, coupling=7.8, capacitance=3.2e-6)
@@ -67,3 +72,20 @@ def test_a_nominal_damping_that_they_contradict_is_fitted(factor):
 def test_a_mode_that_would_ring_from_sample_to_sample_is_left_out():
     ringing = replace(NOMINAL, damping=1e-3 * DAMPING)
     assert identify(campaign(ringing, np.random.default_rng(7))).campaign.transducer.quasi_static
+
+
+def test_a_fit_with_states_that_begin_anywhere_is_held_against_the_quasi_static_specimen():
+    """A branch of the electrodes may be charged when a record begins: its start is one more value of the record."""
+    before = identify(campaign(NOMINAL, np.random.default_rng(2)))
+    fitted, device = before.campaign, before.campaign.transducer
+    problem = Problem(prepared(fitted, "fit"), device, before.offsets)
+    branch = DielectricRelaxation(capacitance=1e-13, time_constant=0.1)  # too small to be seen
+    model = replace(
+        before.found.model, transducer=replace(before.found.model.transducer, effects=(branch,)), at_rest=False
+    )
+    nuisance = nuisance_for_model(problem, before.found.model, before.found.nuisance, model)
+    assert sum(map(len, nuisance)) > sum(map(len, before.found.nuisance))
+    found = fit(problem, model, nuisance, before.found.noise, estimate_noise=False)
+    still = as_quasi_static(device)
+    quasi_static = Problem(prepared(replace(fitted, transducer=still), "fit"), still, before.offsets)
+    assert not is_better_left_out(problem, quasi_static, found)
