@@ -171,6 +171,11 @@ class Prediction:
             return step, SampleStep(*(np.zeros((*array.shape, 0)) for array in step))
         return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
 
+    @property
+    def influential(self) -> np.ndarray:
+        """As of `DiscreteModel`."""
+        return self._lowered.influential
+
     def steps_per_sample(self, derivatives: bool) -> int:
         """As of `DiscreteModel`."""
         return self._lowered.steps_per_sample(derivatives)
@@ -336,8 +341,8 @@ class _Propagation:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
             h, share = setting.sample_time / parts, self._of.share / parts
-            influential = self._of._lowered.influential
-            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs, self._run.reached, influential)
+            inputs, reached = self._run.inputs, self._run.reached
+            self._paces[parts] = pace_of(h, share, step, slopes, inputs, reached, self._of.influential)
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
