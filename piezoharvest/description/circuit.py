@@ -61,6 +61,8 @@ class State(NamedTuple):
         False for a number that a controller remembers: `storage` then only tells of what size it is.
     like : float, optional
         Storage of a state of the same size, where its own may vanish.
+    only_closed : bool
+        True if it is zero while all switches are open, as the current of a coil in their loop.
     """
 
     name: str
@@ -70,6 +72,7 @@ class State(NamedTuple):
     initial: Number = 0.0
     stores: bool = True
     like: Number | None = None
+    only_closed: bool = False
 
     @property
     def size(self) -> Any:

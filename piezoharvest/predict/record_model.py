@@ -308,7 +308,7 @@ class RecordModel:
         if not isinstance(shunt, LinearShunt):
             kind = getattr(shunt, "kind", None)
             raise ParameterError("shunt", f"found {kind!r}, but a record that is fitted needs a linear circuit")
-        port = Port(self.v - source, np.nan * self.one, self.i, self.one, device.capacitance)
+        port = Port(self.v - source, self._voltage_rate(), self.i, self.one, device.capacitance)
         own = [
             (state.name, *self.state(f"shunt_{state.name}", state.storage))
             for state in shunt.states(device.capacitance)
@@ -316,10 +316,17 @@ class RecordModel:
         rows = [SimpleNamespace(**{row[0]: row[k] for row in own}) for k in (1, 2)]
         for residual in shunt.equations("linear", port, *rows):
             if np.any(np.isnan(residual)):
-                raise ParameterError(
-                    "shunt", f"found {shunt.kind!r}, must be a circuit without a capacitor across the leads"
-                )
+                must = "must be a circuit without a capacitor across the leads, beside hysteresis or another charge"
+                raise ParameterError("shunt", f"found {shunt.kind!r}, {must}")
             self.equation(residual)
+
+    def _voltage_rate(self) -> Row:
+        """Rate of the electrode voltage, V/s; not a number where it is one of more than the states of the specimen."""
+        if self.transducer.hysteresis or self._charges:
+            return np.nan * self.one
+        rates = [u for _, u, _ in self._motion]
+        moving = strain_charge(self.transducer.all_modes, rates, 0.0 * self.one)
+        return (self._dq - moving) / self.transducer.capacitance
 
     def _mechanics(self) -> None:
         modes, base = self.transducer.all_modes, self.drive_name == "base_acceleration"

@@ -120,6 +120,14 @@ class Shunt(Component):
         """Names of the configurations, the initial one first; + and - mark pairs that mirror each other."""
         return ("linear",)
 
+    def least_states(self, voltage: float) -> Mapping[str, float]:
+        """Values (SI units) below which states cannot be at an electrode voltage (V), as diodes charge them at once."""
+        return {}
+
+    def begun(self, states: Mapping[str, float]) -> str:
+        """Configuration in which a run begins with these values (SI units) of its states."""
+        return self.configurations()[0]
+
     def alike(self) -> tuple[str, ...]:
         """Names of the configurations, of which one may stand for several that differ in numbers only (`each_of`).
 
@@ -226,6 +234,16 @@ def too_low(voltage: float, against: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 class LinearShunt(Shunt):
     """A circuit of linear parts: one configuration with a rational admittance."""
+
+    @property
+    def has_capacitor_across(self) -> bool:
+        """True if its current depends on the rate of the electrode voltage, as through a capacitor across the leads."""
+        if self.shorts:
+            return False
+        none = np.zeros(1)
+        port = Port(none, np.full(1, np.nan), none, none, 1.0)
+        z = SimpleNamespace(**{state.name: none for state in self.states(1.0)})
+        return any(bool(np.any(np.isnan(row))) for row in self.equations("linear", port, z, z))
 
 
 @dataclass(frozen=True, kw_only=True)

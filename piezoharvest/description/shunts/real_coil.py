@@ -55,9 +55,9 @@ class RealCoil(NamedTuple):
 
     def states(self, recovered: Number | None = None, odd: bool = True) -> tuple[State, ...]:
         """States of the coil; `recovered` is the share of their energy that the load gets when they are cut."""
-        inductor = State(self.names[0], self.inductance, odd, recovered)
+        inductor = State(self.names[0], self.inductance, odd, recovered, only_closed=True)
         if self.stray is not None:
-            return inductor, State(self.names[1], self.stray, odd, recovered)
+            return inductor, State(self.names[1], self.stray, odd, recovered, only_closed=True)
         return inductor, *(section.state(odd, self.inductance) for section in self.sections)
 
     def current(self, connected: bool, drive: Row, port: Port, z: SimpleNamespace, line: Any = 0.0) -> Row:

@@ -54,6 +54,7 @@ def circuit_start(
         there = float(record["displacement"][first]) if first and "displacement" in record.signals else x
         moved = 0.0 if there is None else transducer.coupling * (there - rest)
         found["q"] = transducer.capacitance * voltage + moved
+        found |= {name: max(float(least), 0.0) for name, least in shunt.least_states(voltage).items()}
     found["dc"] = _dc(record, shunt, transducer)
     return {
         f"start {name}": value / size

@@ -18,7 +18,7 @@ from piezoharvest.identify.fitting.circuit_start import circuit_start, loop_clos
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.identify.noise.proportional_noise import relative_variance
-from piezoharvest.predict.circuit.setting import circuit_setting, has_events, periodic_setting
+from piezoharvest.predict.circuit.setting import begins_anywhere, circuit_setting, periodic_setting
 from piezoharvest.predict.discrete_model import Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
 from piezoharvest.predict.step_counts import with_steps
@@ -162,7 +162,7 @@ def _prepared(record: Record, transducer: Transducer) -> Data:
         settled = periodic_setting(record.drive, shunt, step, len(record), record.harmonics, transducer)
         rest = drive - record.harmonics.at(step * np.arange(len(record)))
         return Data(record.name, record.role, record, settled, rest, channels, sigma, scatter)
-    if has_events(shunt, record.drive):
+    if begins_anywhere(shunt, record.drive):
         moved = _range_of(record, "displacement")
         behind = circuit_setting(record.drive, shunt, step, clean, transducer, moved, record.gate)
         behind = replace(behind, reach=_reach(record, clean, transducer))

@@ -13,7 +13,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.noise_levels import noise_floor
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
-from piezoharvest.predict.circuit.setting import by_engine, has_events
+from piezoharvest.predict.circuit.setting import begins_anywhere, by_engine, has_events
 from piezoharvest.predict.parameters import Path, value_at
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
@@ -64,7 +64,7 @@ class Problem:
 
     @cached_property
     def needs_engine(self) -> bool:
-        """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
+        """True if the engine predicts a record: in steady state, or as `begins_anywhere` says."""
         return any(isinstance(data, Data) and by_engine(data.setting) for data in self.data)
 
     @cached_property
@@ -233,14 +233,14 @@ def _switches(data: Data | FrequencyData) -> bool:
 
 
 def starting(problem: Problem, model: Model) -> tuple[np.ndarray, ...]:
-    """Masks of the nuisance parameters that say where records behind diodes or switches begin."""
+    """Masks of the nuisance parameters that say where records behind circuits begin, if the engine predicts them."""
     each = ((_own_starts(data), problem.nuisance_names(model, data)) for data in problem.data)
     return tuple(np.array([name in own for name in names], bool) for own, names in each)
 
 
 def _own_starts(data: Data | FrequencyData) -> set[str]:
-    """Names of the initial states of structure, electrodes and dc side of a record behind diodes or switches."""
-    if not isinstance(data, Data) or not _switches(data):
+    """Names of the initial states of structure, electrodes and circuit of a record that the engine predicts."""
+    if not isinstance(data, Data) or not begins_anywhere(data.setting.shunt, data.drive):
         return set()
     return {f"start {state}" for state in data.setting.free}
 

@@ -19,7 +19,7 @@ import numpy as np
 from piezoharvest.description.circuit import State
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.parameters import COMPLEX_STEP, ParameterError
-from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.description.shunts import LinearShunt, Resistor, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -238,7 +238,9 @@ class CircuitPrediction:
         try:
             edges = loose_edges(self.setting)
             begun = self.nuisance[: len(self.nuisance) - edges]
-            state, changes = initial_state(system, self.setting, begun, [state.name for state in self.begun_states])
+            shunt = connected(System(self._device, self._shunt)).shunt
+            own = [state.name for state in self.begun_states]
+            state, changes = initial_state(system, self.setting, shunt, begun, own)
             if self.begin_given:
                 changes = changes[:, : system.count]
             elif edges:
@@ -310,13 +312,19 @@ class CircuitPrediction:
 
     @cached_property
     def linear(self) -> Prediction:
-        """Prediction for small noise of the drive, in the mean: with the resistor that takes the same power.
+        """Prediction for small noise of the drive: with a linear circuit itself, if equations of records can have it.
 
-        Its conductance is that of the describing function, the mean of v i over that of v^2.
+        Else it is that in the mean, with the resistor that takes the same power. Its conductance is that of the
+        describing function, the mean of v i over that of v^2.
         """
         if self.parameters:
             return self.plain.linear
         setting, device = self.setting, self._device
+        if isinstance(setting.shunt, LinearShunt):
+            try:
+                return Prediction(device, replace(setting, motion=drive_of(self._drive), free=(), sizes=()))
+            except ParameterError:
+                pass  # a capacitor across the leads beside hysteresis
         power = square = 0.0
         for block in self.blocks(derivatives=False, channels=("voltage", "current")):
             v, i = block.values.T

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
@@ -14,13 +15,15 @@ from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.equations.pieces import Pieces
 from piezoharvest.equations.terms import PIECEWISE, SmoothElement
 from piezoharvest.predict.discrete_model import Setting
+from piezoharvest.predict.parameters import STEP
 
 ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
+ROUNDING = 1e-9  # of the terms of a rate: far above their rounding, far below what diodes with a resistance let it be
 MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 
 
 def initial_state(
-    system: SampledSystem, setting: Setting, nuisance: np.ndarray, begun: Sequence[str] = ()
+    system: SampledSystem, setting: Setting, shunt: Shunt, nuisance: np.ndarray, begun: Sequence[str] = ()
 ) -> tuple[EngineState, np.ndarray]:
     """State at the first sample: rest under the first value of the drive, or what is known, and deviations from it.
 
@@ -29,6 +32,8 @@ def initial_state(
     system : SampledSystem
         Lowered from complex steps of the parameters.
     setting : Setting
+    shunt : Shunt
+        With which the system was lowered, in numbers.
     nuisance : (n,) array
         Deviations of `setting.free` in units of `setting.sizes`, those of the states `begun` (SI units), then outputs
         of the stops as fractions of their limits.
@@ -65,9 +70,11 @@ def initial_state(
         z[row] = nuisance[k] * limits.value[j]
         d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
     state = system.machine().state()
-    state.z[: len(z)] = z
     charge = next((size for name, size in free if name == "q"), 0.0)
-    _discharge(plain.program, state, len(z), MARGIN * charge / scale.value[program.charge])
+    margin = MARGIN * charge / scale.value[program.charge]
+    state.D[st.CONFIGURATION] = _raise_charged(system, shunt, z, d, margin)
+    state.z[: len(z)] = z
+    _discharge(plain.program, state, len(z), margin)
     if setting.acted:
         state.clock[st.ACTED] = setting.acted - float(plain.program.hold_off)
     return state, d
@@ -79,19 +86,46 @@ def _of(program: pg.Program, name: str, count: int) -> Dual:
     return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
 
 
+def _raise_charged(system: SampledSystem, shunt: Shunt, z: np.ndarray, d: np.ndarray, margin: float) -> int:
+    """Raise states that diodes have charged to what the electrode voltage says; configuration in which that leaves all.
+
+    Like the electrodes in `_discharge`, they keep a bit from where these diodes conduct.
+    """
+    program, names, count = system.lowered.program, system.lowered.states, system.count
+    scale, row = _of(program, "scale", count), _of(program, "voltage_row", count)
+    n, rows = len(z), {name: k for k, name in enumerate(names) if name in shunt.least_states(0.0)}
+    whole = np.concatenate([z, _resting_signal(system.plain.program)])
+    _set_elements(system.plain.program, whole)
+    voltage, changes = float(row.value @ whole), row.value[:n] @ d
+    changes[:count] += row.change @ whole
+    for name, least in shunt.least_states(voltage + 1j * STEP).items():
+        k, slope = rows[name], np.imag(least) / STEP
+        if np.real(least) >= scale.value[k] * z[k]:
+            z[k], d[k] = np.real(least) / scale.value[k], slope * changes / scale.value[k]
+            d[k, :count] -= z[k] / scale.value[k] * scale.change[:, k]
+    found = shunt.begun({name: float(scale.value[k] * z[k]) for name, k in rows.items()})
+    for k in rows.values():
+        z[k] += margin * abs(row.value[program.charge]) / scale.value[k]
+    # A supply or a cold start, with a state of its own, stands before the circuit's name.
+    before = system.lowered.configurations[0].removesuffix(shunt.configurations()[0])
+    return system.lowered.configurations.index(before + found)
+
+
 def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -> None:
     """Take from the electrodes the charge by which their voltage would exceed what the diodes allow, and a bit more.
 
-    Noise and start values may put it there; diodes have conducted until it was gone. Without the margin, a scaled
-    charge, diodes at rest would be neither conducting nor blocking.
+    Noise and start values may put it there; diodes without resistance have conducted until it was gone. Without the
+    margin, a scaled charge, diodes at rest would be neither conducting nor blocking.
 
     Derivatives stay those of the given charge: with those of what is left, which are zero, a fit that once has too
     much charge would never find back.
     """
-    charge = program.charge
+    charge, begun = program.charge, int(state.D[st.CONFIGURATION])
     z = np.concatenate([state.z[:n], _resting_signal(program)])
-    for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
-        form = dual(program.guard_z[..., 0, g, :], 1)
+    for g in np.flatnonzero((program.guard_code[begun] == pg.CONDUCT) & (program.guard_target[begun] >= 0)):
+        form = dual(program.guard_z[..., begun, g, :], 1)
+        if not _holds(program, int(program.guard_target[begun, g]), form.value):
+            continue
         slope, moved = form.value[charge], 0.0
         for _ in range(ITERATIONS if slope != 0.0 else 0):
             _set_elements(program, z)
@@ -104,6 +138,14 @@ def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -
     _set_elements(program, z)
     elements = slice(n, n + pg.DERIVATIVES * len(program.element_power))
     state.z[charge], state.z[elements] = z[charge], z[elements]
+
+
+def _holds(program: pg.Program, configuration: int, form: np.ndarray) -> bool:
+    """True if a linear form of the state keeps its value in a configuration, as a voltage that diodes hold."""
+    n = program.rate.shape[-2]
+    rate = dual(program.rate[..., configuration, :, :], 2).value
+    terms = np.abs(form[:n]) @ np.abs(rate)
+    return bool(np.all(np.abs(form[:n] @ rate) <= ROUNDING * terms.max()))
 
 
 def _set_elements(program: pg.Program, z: np.ndarray) -> None:

@@ -8,8 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.periodic_start import periodic_start
@@ -18,7 +16,7 @@ from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction, S
 from piezoharvest.predict.circuit.periodic_drive import PeriodicDrive
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.prediction import Prediction, PredictionError
+from piezoharvest.predict.prediction import PredictionError
 
 ADVICE = 'give nominal values closer to the specimen, or omit kind = "periodic" where the record has not settled'
 
@@ -84,14 +82,3 @@ class PeriodicPrediction(CircuitPrediction):
 
     def _drive_at(self, samples: np.ndarray) -> np.ndarray:
         return self.excitation.harmonics.at(self.setting.sample_time * samples)
-
-    @cached_property
-    def linear(self) -> Prediction:
-        """Prediction for small noise of the drive, with the circuit itself where it is linear."""
-        setting = self.setting
-        if isinstance(setting.shunt, LinearShunt):
-            try:
-                return Prediction(self._device, setting)
-            except ParameterError:
-                pass  # a capacitor across the leads, with which a step of a record has no solution
-        return super().linear

@@ -1,4 +1,4 @@
-"""Setting of a record behind a circuit with diodes or switches."""
+"""Setting of a record behind a circuit with diodes or switches, or another one that only the engine follows."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TypeGuard
 
 import numpy as np
 
+from piezoharvest.description.circuit import State
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.transducer import Transducer
@@ -29,9 +30,20 @@ def has_events(shunt: Shunt | None, drive: str) -> TypeGuard[Shunt]:
     return drive != "voltage" and shunt is not None and not isinstance(shunt, LinearShunt)
 
 
+def begins_anywhere(shunt: Shunt | None, drive: str) -> TypeGuard[Shunt]:
+    """True if the engine predicts a record of which all initial states are free.
+
+    It is one behind diodes or switches, or behind a capacitor across the leads: its current is a rate of the electrode
+    voltage, which `RecordModel` has no row for beside hysteresis.
+    """
+    if isinstance(shunt, LinearShunt):
+        return drive != "voltage" and shunt.has_capacitor_across
+    return has_events(shunt, drive)
+
+
 def by_engine(setting: Setting) -> bool:
-    """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
-    return setting.harmonics is not None or has_events(setting.shunt, setting.drive)
+    """True if a record is predicted by the engine: one in steady state, or as `begins_anywhere` says."""
+    return setting.harmonics is not None or begins_anywhere(setting.shunt, setting.drive)
 
 
 def redriven(setting: Setting, values: np.ndarray) -> Setting:
@@ -129,7 +141,7 @@ def circuit_setting(
         raise ParameterError("drive", f"{found}; it needs a channel gate that times the switch")
     # An imposed motion is known from the first sample on.
     names = state_names(transducer)[2 if drive == "displacement" else 0 :]
-    dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
+    own = [state for state in shunt.states(transducer.capacitance) if state.stores and not state.only_closed]
     setting = Setting(drive, shunt, sample_time, float(values[0]), _course(drive, values), len(values), gate=gate)
     setting = replace(setting, size=size_of(values, sample_time))
     if drive == "displacement":
@@ -141,9 +153,16 @@ def circuit_setting(
     u = max(u, x * MIN_SHARE / sample_time)
     q = max(q, MIN_SHARE * x * abs(transducer.coupling), 1e-300)
     v = max(v, MIN_SHARE * q / transducer.capacitance)
-    by = {"x": x, "u": u, "q": q, "d": v}
-    free = (*names, *dc)
-    return replace(setting, free=free, sizes=tuple(float(by[name[0]]) for name in free))
+    by = {"x": x, "u": u, "q": q}
+    return replace(
+        setting, free=(*names, *(state.name for state in own)),
+        sizes=(*(float(by[name[0]]) for name in names), *(_size(state, v, transducer.capacitance) for state in own)),
+    )  # fmt: skip
+
+
+def _size(state: State, voltage: float, capacitance: float) -> float:
+    """Size of a circuit's state, SI units: with the energy of the electrodes at a voltage, or behind diodes that."""
+    return voltage if state.name == "dc" else voltage * float(np.sqrt(capacitance / abs(state.storage)))
 
 
 def _largest(transducer: Transducer, setting: Setting) -> list[float]:

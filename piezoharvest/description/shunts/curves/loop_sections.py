@@ -25,7 +25,7 @@ class Section(NamedTuple):
 
     def state(self, odd: bool, inductance: Any) -> State:
         """Its state, of the size that the current of an inductance (H) in line has."""
-        return State(self.name, self.resistance * self.time_constant, odd, like=inductance)
+        return State(self.name, self.resistance * self.time_constant, odd, like=inductance, only_closed=True)
 
     def equation(self, i: Row, y: Row, dy: Row) -> Row:
         """What is zero for its state."""

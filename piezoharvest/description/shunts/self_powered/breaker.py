@@ -153,6 +153,13 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         )
         return tuple(breakers.name for breakers in every if breakers.exists)
 
+    def least_states(self, voltage: float) -> Mapping[str, float]:
+        return {f"envelope_{which}": sign * voltage - self.diode_drop for which, sign in (("high", 1), ("low", -1))}
+
+    def begun(self, states: Mapping[str, float]) -> str:
+        charged = "".join(which[0] for which in ("high", "low") if states[f"envelope_{which}"] > 0.0)
+        return Breakers("open", charged or NEITHER, "idle", "").name
+
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage that drives the current of the breaker of this sign."""
         return sign * port.v - self.drop_of_path * port.one
