@@ -120,12 +120,16 @@ class Shunt(Component):
         """Names of the configurations, the initial one first; + and - mark pairs that mirror each other."""
         return ("linear",)
 
-    def least_states(self, voltage: float) -> Mapping[str, float]:
-        """Values (SI units) below which states cannot be at an electrode voltage (V), as diodes charge them at once."""
+    def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
+        """Least and largest values (SI units) of states at an electrode voltage (V), which parts see to at once."""
         return {}
 
-    def begun(self, states: Mapping[str, float]) -> str:
-        """Configuration in which a run begins with these values (SI units) of its states."""
+    def guessed_states(self, voltage: float, rate: float) -> Mapping[str, float]:
+        """Likely values (SI units) of states at an electrode voltage (V) that changes at a rate (V/s)."""
+        return {}
+
+    def begun(self, voltage: float, states: Mapping[str, float]) -> str:
+        """Configuration in which a run begins at an electrode voltage (V) with these values of such states."""
         return self.configurations()[0]
 
     def alike(self) -> tuple[str, ...]:

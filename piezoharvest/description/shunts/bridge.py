@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
@@ -159,6 +159,9 @@ class Bridge(Shunt):
             return ()
         begins = 0.0 if self.initial_dc_voltage is None else self.initial_dc_voltage
         return (State("dc", self.dc_capacitance, odd=False, initial=begins),)
+
+    def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
+        return {} if self.storage is None else {"dc": (-np.inf, self.storage.limit)}
 
     @property
     def dc_capacitance(self) -> Any:

@@ -54,7 +54,7 @@ def circuit_start(
         there = float(record["displacement"][first]) if first and "displacement" in record.signals else x
         moved = 0.0 if there is None else transducer.coupling * (there - rest)
         found["q"] = transducer.capacitance * voltage + moved
-        found |= {name: max(float(least), 0.0) for name, least in shunt.least_states(voltage).items()}
+        found |= shunt.guessed_states(voltage, float(_parabola(record, "voltage").deriv()(0.0)))
     found["dc"] = _dc(record, shunt, transducer)
     return {
         f"start {name}": value / size
@@ -83,14 +83,19 @@ def _gain(transducer: Transducer, drive: str) -> float:
 
 def _motion(record: Record) -> tuple[float | None, float | None]:
     """Displacement and velocity at the first sample, None where no channel shows them."""
-    count, step = min(SAMPLES, len(record)), 1.0 / record.sample_rate
     x = u = None
     if "displacement" in record.signals:
-        fit = np.polynomial.Polynomial.fit(np.arange(count) * step, record["displacement"][:count], min(2, count - 1))
+        fit = _parabola(record, "displacement")
         x, u = float(fit(0.0)), float(fit.deriv()(0.0))
     if "velocity" in record.signals:
         u = float(record["velocity"][0])
     return x, u
+
+
+def _parabola(record: Record, channel: str) -> np.polynomial.Polynomial:
+    """Parabola over time (s) through the first samples of a channel."""
+    count, step = min(SAMPLES, len(record)), 1.0 / record.sample_rate
+    return np.polynomial.Polynomial.fit(np.arange(count) * step, record[channel][:count], min(2, count - 1))
 
 
 def _dc(record: Record, shunt: Shunt, transducer: Transducer) -> float | None:

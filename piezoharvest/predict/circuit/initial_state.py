@@ -72,7 +72,7 @@ def initial_state(
     state = system.machine().state()
     charge = next((size for name, size in free if name == "q"), 0.0)
     margin = MARGIN * charge / scale.value[program.charge]
-    state.D[st.CONFIGURATION] = _raise_charged(system, shunt, z, d, margin)
+    state.D[st.CONFIGURATION] = _within_limits(system, shunt, z, d, margin)
     state.z[: len(z)] = z
     _discharge(plain.program, state, len(z), margin)
     if setting.acted:
@@ -86,29 +86,32 @@ def _of(program: pg.Program, name: str, count: int) -> Dual:
     return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
 
 
-def _raise_charged(system: SampledSystem, shunt: Shunt, z: np.ndarray, d: np.ndarray, margin: float) -> int:
-    """Raise states that diodes have charged to what the electrode voltage says; configuration in which that leaves all.
+def _within_limits(system: SampledSystem, shunt: Shunt, z: np.ndarray, d: np.ndarray, margin: float) -> int:
+    """Keep states of a circuit within what its parts leave at the electrode voltage; configuration that they are in.
 
-    Like the electrodes in `_discharge`, they keep a bit from where these diodes conduct.
+    Like the electrodes in `_discharge`, they keep a bit away from where diodes conduct, and their derivatives where the
+    voltage has no influence.
     """
     program, names, count = system.lowered.program, system.lowered.states, system.count
     scale, row = _of(program, "scale", count), _of(program, "voltage_row", count)
-    n, rows = len(z), {name: k for k, name in enumerate(names) if name in shunt.least_states(0.0)}
-    whole = np.concatenate([z, _resting_signal(system.plain.program)])
+    n, whole = len(z), np.concatenate([z, _resting_signal(system.plain.program)])
     _set_elements(system.plain.program, whole)
     voltage, changes = float(row.value @ whole), row.value[:n] @ d
     changes[:count] += row.change @ whole
-    for name, least in shunt.least_states(voltage + 1j * STEP).items():
-        k, slope = rows[name], np.imag(least) / STEP
-        if np.real(least) >= scale.value[k] * z[k]:
-            z[k], d[k] = np.real(least) / scale.value[k], slope * changes / scale.value[k]
-            d[k, :count] -= z[k] / scale.value[k] * scale.change[:, k]
-    found = shunt.begun({name: float(scale.value[k] * z[k]) for name, k in rows.items()})
-    for k in rows.values():
-        z[k] += margin * abs(row.value[program.charge]) / scale.value[k]
+    begun, moved = dict[str, float](), margin * abs(row.value[program.charge])
+    for name, limits in shunt.possible_states(voltage + 1j * STEP).items():
+        k = names.index(name)
+        unit, value = scale.value[k], float(scale.value[k] * z[k])
+        low, high = (float(np.real(limit)) for limit in limits)
+        begun[name] = float(np.clip(value, low, high))
+        z[k] = np.clip(value, low + moved, high - moved) / unit
+        slope = np.imag(limits[0 if value < low else 1]) / STEP
+        if not low <= value <= high and slope != 0.0:
+            d[k] = slope * changes / unit
+            d[k, :count] -= z[k] / unit * scale.change[:, k]
     # A supply or a cold start, with a state of its own, stands before the circuit's name.
     before = system.lowered.configurations[0].removesuffix(shunt.configurations()[0])
-    return system.lowered.configurations.index(before + found)
+    return system.lowered.configurations.index(before + shunt.begun(voltage, begun))
 
 
 def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -> None:

@@ -52,6 +52,17 @@ class OpAmpNegativeCapacitance(Shunt):
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("across", self.capacitance),)
 
+    def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
+        return {"across": (voltage - self.saturation, voltage + self.saturation)}
+
+    def guessed_states(self, voltage: float, rate: float) -> Mapping[str, float]:
+        """The amplifier at work, or at the limit of its output."""
+        return {"across": float(np.clip(-voltage, voltage - self.saturation, voltage + self.saturation))}
+
+    def begun(self, voltage: float, states: Mapping[str, float]) -> str:
+        output = voltage - states["across"]
+        return "linear" if abs(output) < self.saturation else "linear+" if output > 0.0 else "linear-"
+
     def configurations(self) -> tuple[str, ...]:
         return ("linear", "linear+", "linear-")
 

@@ -79,6 +79,11 @@ def breakers_of(configuration: str) -> Breakers:
     return Breakers(position, charged, envelope, last[len(envelope) :])
 
 
+def _positive(voltage: Any) -> Any:
+    """A voltage, or zero where it is negative; it may have a complex step."""
+    return voltage if np.real(voltage) > 0.0 else 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class ElectronicBreaker(SwitchedCoil, WoundCoil):
     """Coil with two electronic breakers in its loop, one for each sign of the voltage.
@@ -153,10 +158,27 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         )
         return tuple(breakers.name for breakers in every if breakers.exists)
 
-    def least_states(self, voltage: float) -> Mapping[str, float]:
-        return {f"envelope_{which}": sign * voltage - self.diode_drop for which, sign in (("high", 1), ("low", -1))}
+    def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
+        # Above the upper limit its breaker would have closed and used up the charge.
+        found = {
+            f"envelope_{which}": (
+                _positive(sign * voltage - self.diode_drop),
+                _positive(sign * voltage + self.threshold),
+            )
+            for which, sign in (("high", 1), ("low", -1))
+        }
+        return super().possible_states(voltage) | found
 
-    def begun(self, states: Mapping[str, float]) -> str:
+    def guessed_states(self, voltage: float, rate: float) -> Mapping[str, float]:
+        """Envelopes that follow the voltage, or halfway between what it is and what would close a breaker."""
+        found = dict(super().guessed_states(voltage, rate))
+        for which, sign in (("high", 1), ("low", -1)):
+            low, high = self.possible_states(voltage)[f"envelope_{which}"]
+            falls = sign * voltage > 0.0 > sign * rate
+            found[f"envelope_{which}"] = float(0.5 * (low + high) if falls else low)
+        return found
+
+    def begun(self, voltage: float, states: Mapping[str, float]) -> str:
         charged = "".join(which[0] for which in ("high", "low") if states[f"envelope_{which}"] > 0.0)
         return Breakers("open", charged or NEITHER, "idle", "").name
 
