@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import traceback
 from pathlib import Path
 
 from piezoharvest.description.effects import registered
 from piezoharvest.input import InputError, check_readable
 
 MOST_BYTES = 1 << 20  # of an effect file: a class is a few kilobytes
+_PREFIX = "piezoharvest_effects_"  # of the names of modules that effect files become
 
 
 def load_effects(path: str | Path) -> list[str]:
@@ -27,7 +29,7 @@ def load_effects(path: str | Path) -> list[str]:
         raise InputError(f"{path}: {error}") from None
     if path.suffix != ".py":
         raise InputError(f"{path}: found the ending {path.suffix!r}, an effect file ends with .py")
-    module_name = f"piezoharvest_effects_{path.resolve().as_posix().replace('/', '_').replace('.', '_')}"
+    module_name = f"{_PREFIX}{path.resolve().as_posix().replace('/', '_').replace('.', '_')}"
     before = registered()
     if module_name not in sys.modules:
         _run(path, module_name)
@@ -38,6 +40,14 @@ def load_effects(path: str | Path) -> list[str]:
     if not names:
         raise InputError(f"{path}: found no effect, an effect file defines a subclass of piezoharvest's Effect")
     return names
+
+
+def place_of(error: BaseException) -> str:
+    """File, line and function of an effect file in which an error has come up, "" where it has in none of them."""
+    for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
+        if str(frame.f_globals.get("__name__", "")).startswith(_PREFIX):
+            return f"{frame.f_code.co_filename}: line {line}, in {frame.f_code.co_qualname}"
+    return ""
 
 
 def _run(path: Path, module_name: str) -> None:

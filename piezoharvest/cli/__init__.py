@@ -498,6 +498,10 @@ def _failed(error: Exception) -> int:
     if os.environ.get("PIEZOHARVEST_TRACEBACK"):
         raise error
     hint = "PIEZOHARVEST_TRACEBACK=1 shows where"
+    from piezoharvest.effect_files import place_of
+
+    if place := place_of(error):
+        return _say(f"error: {place}: this effect cannot be used ({type(error).__name__}: {error}; {hint})", 2)
     return _say(f"internal error, please report it: {type(error).__name__}: {error} ({hint})", 1)
 
 

@@ -57,8 +57,9 @@ def resonance_figures(
     for n, path in enumerate(paths):
         value = float(np.real(value_at(transducer, path)))
         step = STEP * (abs(value) or 1.0)
-        above, below = (_figures(put(transducer, path, value + sign * step)) for sign in (1, -1))
-        slopes[n] = (above - below) / (2 * step)
+        ends = value + step, value - step if value != 0.0 else 0.0  # a damping may be zero, and not less
+        above, below = (_figures(put(transducer, path, end)) for end in ends)
+        slopes[n] = (above - below) / (ends[0] - ends[1])
         felt[n] = np.abs(above - below) > FELT * STEP * np.abs(found)
     variances = np.einsum("nf,nm,mf->f", slopes, covariance, slopes)
     return tuple(

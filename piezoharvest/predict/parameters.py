@@ -37,7 +37,7 @@ class Parameter:
     title : str
         Name in results, if it is not the path.
     deviation : float
-        Prior standard deviation about zero of an effect's variable, of which there is no nominal value.
+        Prior standard deviation about zero of a variable without a nominal value: of an effect, of a damping of zero.
     """
 
     path: Path
@@ -96,12 +96,21 @@ def _fields(component: Any, names: Sequence[str], path: Path) -> list[Parameter]
     return [parameter_of(component, fields[name], (*path, name)) for name in names]
 
 
+def _begun_at_zero(parameters: Sequence[Parameter], mode: Any) -> list[Parameter]:
+    """Parameters of a mode; a damping of zero, which has no logarithm, is varied itself, as far as to the critical."""
+    if mode.damping != 0.0:
+        return list(parameters)
+    critical = 2.0 * float(np.sqrt(mode.stiffness * mode.mass))
+    itself = {"scaling": "linear", "lower": 0.0, "deviation": critical}
+    return [replace(each, **itself) if each.path[-1] == "damping" else each for each in parameters]
+
+
 def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Parameter]:
     """Parameters of a transducer without its effects, as far as they matter under the drives of a campaign."""
     mechanical = [*(() if transducer.quasi_static else INERT), "stiffness", "coupling"]
-    found = _fields(transducer, [*mechanical, "capacitance"], ())
+    found = _begun_at_zero(_fields(transducer, [*mechanical, "capacitance"], ()), transducer)
     for n, mode in enumerate(transducer.modes):
-        found += _fields(mode, mechanical, ("modes", n))
+        found += _begun_at_zero(_fields(mode, mechanical, ("modes", n)), mode)
     if transducer.hysteresis is not None:
         for j in range(len(transducer.hysteresis.weights)):
             found.append(Parameter(("hysteresis", "weights", j), "V/C", "linear", 0.0, np.inf))

@@ -1,8 +1,9 @@
 """`python -m reports.reliability [--first N] [--oracle | ... | --mutants N]`: how hard it is to break.
 
 Studies of every shunt and effect are simulated; with `--oracle` some are run by the bench's solver, too; with
-`--inputs` wrong files and tables are given to the program; with `--kills` commands are killed and given again; with
-`--faults` they meet a full disk and the like; with `--mutants` the code itself is made wrong, and tests have to see it.
+`--inputs` wrong files and tables are given to the program, with `--campaigns` damaged campaigns; with `--kills`
+commands are killed and given again; with `--faults` they meet a full disk and the like; with `--mutants` the code
+itself is made wrong, and tests have to see it.
 What is done stands beside this file, a line for each: the same command goes on from there.
 """
 
@@ -12,8 +13,8 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-NAMES = ("trials", "oracle", "inputs", "kills", "faults", "mutants")
-STUDIES, ORACLE, INPUTS, KILLS, FAULTS, MUTANTS = PATHS = tuple(HERE / f"{name}.jsonl" for name in NAMES)
+NAMES = ("trials", "oracle", "inputs", "campaigns", "kills", "faults", "mutants")
+STUDIES, ORACLE, INPUTS, CAMPAIGNS, KILLS, FAULTS, MUTANTS = PATHS = tuple(HERE / f"{name}.jsonl" for name in NAMES)
 ALL = 50_000
 WRONG = ("impossible", "internal error", "slow", "not followed", "survived")
 
@@ -27,12 +28,14 @@ def main() -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
     which.add_argument("--inputs", action="store_true", help="wrong files and tables instead of studies")
+    which.add_argument("--campaigns", action="store_true", help="measured campaigns, damaged, for what reads campaigns")
     which.add_argument("--kills", action="store_true", help="kill commands at random moments, and give them again")
     which.add_argument("--faults", action="store_true", help="give commands a full disk, a closed folder and others")
     which.add_argument("--mutants", type=int, metavar="N", help="the first N mutants (one process; extra `mutation`)")
     options = parser.parse_args()
     if options.mutants:
         options.first, options.workers = options.mutants, 1  # of which all stand in the same copy of the tree
+    from reports.reliability.campaigns import attempt_campaign
     from reports.reliability.faults import PAIRS, attempt_fault
     from reports.reliability.inputs import attempt_input
     from reports.reliability.kills import attempt_kill
@@ -41,8 +44,8 @@ def main() -> None:
     from reports.reliability.trial import attempt
 
     jobs = ((options.oracle, ORACLE, compare), (options.inputs, INPUTS, attempt_input),
-            (options.kills, KILLS, attempt_kill), (options.faults, FAULTS, attempt_fault),
-            (True, STUDIES, attempt))  # fmt: skip
+            (options.campaigns, CAMPAIGNS, attempt_campaign), (options.kills, KILLS, attempt_kill),
+            (options.faults, FAULTS, attempt_fault), (True, STUDIES, attempt))  # fmt: skip
     path, trial = next((path, trial) for wanted, path, trial in jobs if wanted)
     if options.mutants:
         try:

@@ -15,8 +15,8 @@ from scipy.stats import binomtest
 from piezoharvest.output import write_text
 
 TITLES = (
-    "How hard the toolbox is to break", "Beside another solver", "Wrong files and tables", "Killed and given again",
-    "Where something is not as it should be", "Made wrong on purpose",
+    "How hard the toolbox is to break", "Beside another solver", "Wrong files and tables", "Damaged campaigns",
+    "Killed and given again", "Where something is not as it should be", "Made wrong on purpose",
 )  # fmt: skip
 # What was found of studies that failed and of the most distant, by the seed and the commit that drew them.
 FINDINGS = Path(__file__).parent / "findings.toml"
@@ -35,10 +35,12 @@ MEANING = {
 Rows = Sequence[dict[str, Any]]
 
 
-def write(studies: Rows, compared: Rows, inputs: Rows, kills: Rows, faults: Rows, mutants: Rows, path: Path) -> None:
+def write(
+    studies: Rows, compared: Rows, inputs: Rows, campaigns: Rows, kills: Rows, faults: Rows, mutants: Rows, path: Path
+) -> None:
     """Write the page as Markdown; a section whose rows are not on this machine stays as it is."""
-    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_kills, kills),
-             (_of_faults, faults), (_of_mutants, mutants))  # fmt: skip
+    parts = ((_of_studies, studies), (_of_distances, compared), (_of_inputs, inputs), (_of_campaigns, campaigns),
+             (_of_kills, kills), (_of_faults, faults), (_of_mutants, mutants))  # fmt: skip
     sections = dict(zip(TITLES, ("\n".join(part(rows)).strip() if rows else "" for part, rows in parts), strict=True))
     for text in re.split(r"^(?=## )", path.read_text(encoding="utf-8"), flags=re.MULTILINE) if path.exists() else ():
         title = text.partition("\n")[0].removeprefix("## ")
@@ -118,6 +120,30 @@ def _of_inputs(rows: Rows) -> list[str]:
         "",
         *_findings("inputs"),
     ]
+
+
+def _of_campaigns(rows: Rows) -> list[str]:
+    """What became of campaigns, and how far healthy specimens are from the truth."""
+    kinds, outcomes = sorted({row["kind"] for row in rows}), sorted({row["outcome"] for row in rows})
+    counts = Counter((row["kind"], row["outcome"]) for row in rows)
+    lines = [
+        f"{len(rows)} random campaigns of every circuit, excitation and kind of record, measured by the bench's solver,"
+        " most of them damaged as real ones are, or described wrongly (`python -m reports.reliability --campaigns`; "
+        f"seeds {_ranges([row['seed'] for row in rows])}); given to `check` and then to one more command, whose JSON, "
+        "saved specimen and report are looked at. Refused means: in one sentence, with status 2; slow: more than "
+        "240 s of processor time; no campaign: nothing was found that the bench can measure.", "",
+        f"| command | {' | '.join(outcomes)} |", "|---|" + "---|" * len(outcomes),
+    ]  # fmt: skip
+    lines += [f"| {kind} | {' | '.join(str(counts[kind, each]) for each in outcomes)} |" for kind in kinds]
+    healthy = [value for row in rows if row["damage"] == ["healthy"] and row["outcome"] == "done"
+               for value in row.get("deviations", {}).values()]  # fmt: skip
+    if healthy:
+        far = int(np.sum(np.abs(healthy) > 4.0))
+        lines += ["", f"Of {len(healthy)} parameters of healthy specimens in results with status 0, {far} are more "
+                  "than four standard errors from the truth."]  # fmt: skip
+    bad = [row for row in rows if row["outcome"] in ("internal error", "impossible", "slow")]
+    lines += ["", *(f"- {row['seed']} ({row['kind']}) {row['outcome']}: {row['what']}" for row in bad)]
+    return [*lines, "", "What was found, and is not so now:", "", *_findings("campaigns")]
 
 
 def _most_seconds(rows: Rows) -> str:

@@ -504,6 +504,20 @@ class TestAgainstTheModel:
         noise = 1e-4 * np.std(of[channel]) * np.random.default_rng(1).normal(size=len(of))
         only(with_values(of, **{channel: 7e-4 * np.std(of[channel]) + noise}), device, "dead", channel, "error")
 
+    @pytest.mark.parametrize("seed", range(20))
+    def test_a_decay_beside_a_drive_at_rest_is_not_judged_by_the_noise_of_the_drive(self, seed):
+        rng, device = np.random.default_rng(seed), build_transducer(BENCH)
+        stiffness = device.stiffness + device.coupling**2 / device.capacitance  # of open electrodes
+        rate, decay = np.sqrt(stiffness / device.mass), 0.5 * device.damping / device.mass
+        time = np.arange(2000) / 2000.0
+        displacement = 1e-4 * np.exp(-decay * time) * np.cos(rate * time)
+        values = {
+            "force": 1e-5 * rng.normal(size=len(time)),
+            "displacement": displacement + 1e-8 * rng.normal(size=len(time)),
+            "voltage": -device.coupling / device.capacitance * displacement + 1e-4 * rng.normal(size=len(time)),
+        }
+        assert check(record(time, values, "force", Open()), device) == ()
+
     def test_small_signals_in_noise_are_not_judged(self):
         of, device = stack_sine()
         noise = 100 * np.std(of["current"]) * np.random.default_rng(1).normal(size=len(of))

@@ -145,11 +145,12 @@ def _prepared(record: Record, transducer: Transducer) -> Data:
         )
         rows = shifted([(worst, worst)], record.time.first_row)
         raise CampaignError(record.time.file, "", message, channel="time", rows=rows)
-    left_out = {finding.channel for finding in unused(record)}
+    left_out = {finding.channel for finding in unused(record)} | _silent(record)
     channels = tuple(c for c in RESPONSES if c in record.signals and c != record.drive and c not in left_out)
     if not channels:
+        silent = " and responses that never change" if _silent(record) else ""
         raise CampaignError(
-            record.name, record.key, "the record contains only its drive, at least one response is needed"
+            record.name, record.key, f"the record contains only its drive{silent}, at least one response is needed"
         )
     check_channels(record)
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
@@ -176,6 +177,14 @@ def _prepared(record: Record, transducer: Transducer) -> Data:
     setting = with_steps(setting, [(record[c], noise[c]) for c in channels])
     setting = replace(setting, reach=_reach(record, clean, transducer))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def _silent(record: Record) -> set[str]:
+    """Responses with one value throughout, as the exact zero of a current behind open electrodes.
+
+    They show no noise by which they could be weighed; where it is stated, they are no such ones.
+    """
+    return {c for c in record.responses if record.signals[c].sigma is None and np.ptp(record[c]) == 0.0}
 
 
 def _variance_of(data: Data) -> np.ndarray | None:

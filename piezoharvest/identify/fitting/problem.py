@@ -279,7 +279,8 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
             continue
         nominal = parameter.inner(value_at(problem.nominal, parameter.path))
         means.append(nominal)
-        size = PRIOR_DEVIATION if parameter.scaling == "log" else LINEAR_PRIOR_DEVIATION * (abs(nominal) or 1.0)
+        scale = parameter.deviation if np.isfinite(parameter.deviation) else LINEAR_PRIOR_DEVIATION
+        size = PRIOR_DEVIATION if parameter.scaling == "log" else scale * (abs(nominal) or 1.0)
         precision.append(size**-2)
     known = [prior for data in problem.data for prior in _nuisance_priors(problem, model, data)]
     more = np.array(known).reshape(-1, 2)

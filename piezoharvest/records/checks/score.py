@@ -23,6 +23,12 @@ _NEARLY_BEST = 0.8  # of the best variant's coherence
 _MAX_OPPOSED_AGREEMENT = -0.5
 _MIN_POWER_RATIO = 10.0  # in power
 _MAX_LINE_SHARE = 0.2  # largest share of the drive's lines, up to its highest: the others show the noise
+# Sum of the squared correlations of a Hann window's line with all others, 1 + 2 (2/3)^2 + 2 (1/6)^2: so many lines are
+# worth one that is independent.
+_LINES_FOR_ONE = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
+# By chance a response rings as the prediction does where both are a resonance, few lines wide, whatever the drive is: a
+# decay beside the noise of a drive at rest. In one of a thousand records such a response may count as coherent.
+_MOST_CHANCE = 1e-3
 # Powers of ten between the prefixes that are taken for one another: m and M are 9 apart, u and M 12, neighbours 3, a
 # prefix that was left out 3 or 6. The least change is told, unless a larger one is nearer by more than a factor of two,
 # which nominal values may be off.
@@ -44,7 +50,8 @@ class Score:
     coherence : float
         Magnitude of the complex correlation, the best of all variants.
     stands_out : bool
-        True if the response is above its own noise.
+        True if the response is above its own noise; beside a drive that leaves no lines free for that, if it is not by
+        chance that it is so coherent.
     """
 
     low: float
@@ -124,11 +131,22 @@ def _score(response: np.ndarray, some: np.ndarray, lines: np.ndarray, expected: 
     if others.sum() > 10 and len(lines) < _MAX_LINE_SHARE * len(others):
         floor = np.median(np.abs(response[: len(others)][others]) ** 2)
         stands_out = bool(energy**2 > _MIN_POWER_RATIO * floor * len(some))
+    else:
+        best = expected[int(fit.argmax())]
+        stands_out = _chance(fit.max(), best, measured) < _MOST_CHANCE
     return Score(
         low=float(np.min(energy / expected_size)), high=float(np.max(energy / expected_size)),
         agreement=float(np.max(correlation.real[fit >= _NEARLY_BEST * fit.max()])), coherence=float(fit.max()),
         stands_out=stands_out,
     )  # fmt: skip
+
+
+def _chance(coherence: float, one: np.ndarray, other: np.ndarray) -> float:
+    """Probability that spectra (f,) of these magnitudes and random phases have at least this coherence."""
+    powers = np.abs(one) ** 2, np.abs(other) ** 2
+    together = max(float(powers[0] @ powers[1]), np.finfo(float).tiny)
+    count = float(powers[0].sum() * powers[1].sum()) / together / _LINES_FOR_ONE
+    return float(max(1.0 - coherence**2, 0.0) ** max(count - 1.0, 0.0))
 
 
 def likely_cause(shunt: Shunt | None, misfit: Callable[[Shunt], float | None], cause: str, plain: str) -> str | None:

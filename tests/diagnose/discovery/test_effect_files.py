@@ -206,6 +206,43 @@ def test_a_bad_file_is_told_in_a_sentence(name, text, message, tmp_path, capsys)
     assert message in capsys.readouterr().err
 
 
+CARELESS = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest import Effect, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Careless(Effect):
+    name: ClassVar[str] = "careless"
+    source: ClassVar[str] = "none"
+    looks: ClassVar[str] = "none"
+    told_by: ClassVar[str] = "none"
+    size: float = quantity("N/m", "size", at_least=0, null=0.0)
+
+    def act(self, specimen):
+        specimen.state("stretch", "m")
+
+    @classmethod
+    def starts(cls, scales):
+        yield cls(size=0.0)
+"""
+
+
+def test_an_effect_whose_equations_fail_is_told_with_its_file_and_line(tmp_path):
+    path, study = tmp_path / "careless.py", tmp_path / "study.toml"
+    path.write_text(CARELESS)
+    study.write_text(STUDY.replace("[transducer.effects.NAME]", "[transducer.effects.careless]\nsize = 1.0"))
+    line_of_command = [sys.executable, "-m", "piezoharvest", "simulate", str(study), "--effects", str(path)]
+    done = subprocess.run(line_of_command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    said = done.stderr
+    line = next(n for n, text in enumerate(CARELESS.splitlines(), 1) if "specimen.state(" in text)
+    assert f"{path}: line {line}, in Careless.act: this effect cannot be used (" in said
+    assert "internal error" not in said
+
+
 def test_a_missing_file_is_told_in_a_sentence(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_effects(tmp_path / "none.py")
