@@ -202,6 +202,18 @@ class TestWarnings:
         text = '[channels]\ndisplacement = { column = "displacement_mm", unit = "mm" }\n'
         assert load(tmp_path, TRANSDUCER + text + RECORD, run_csv=columns).warnings == ()
 
+    @pytest.mark.parametrize(
+        ("name", "warned"),
+        [
+            ("displacement", True), ("Displacement [um]", True), ("displacement_2", True),
+            ("displacement_ref", False), ("displacement_limit_mm", False), ("displacements_seen", False),
+        ],
+    )  # fmt: skip
+    def test_a_column_whose_name_only_begins_as_that_of_a_channel(self, tmp_path, columns, name, warned):
+        columns[name] = 1e3 * columns.pop("displacement_m")
+        found = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns).warnings
+        assert [(finding.check, finding.channel) for finding in found] == [("unused column", "displacement")] * warned
+
     def test_a_column_that_one_record_has_not(self, tmp_path, columns):
         text = '[channels]\nvoltage = { column = "voltage_V" }\n' + RECORD + RECORD.replace("run", "two")
         two = {name: values for name, values in columns.items() if name != "voltage_V"}
