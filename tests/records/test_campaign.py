@@ -394,6 +394,21 @@ REVERSED = [
 ]
 
 
+def test_a_gain_that_turns_a_sign_does_not_silently_change_the_unit(tmp_path, columns):
+    """A gain overrules the unit of the file: of -1 beside millivolts, the values would be volts."""
+    columns["voltage (mV)"] = -1e3 * columns.pop("voltage_V")
+
+    def text(keys):
+        return f'{TRANSDUCER}[channels]\nvoltage = {{ column = "voltage (mV)", {keys} }}\n{RECORD}'
+
+    error = failure(tmp_path, text("gain = -1"), run_csv=columns)
+    assert "found the unit 'mV' in the file" in str(error)
+    advice = 'unit = "V", gain = -0.001'
+    assert advice in str(error)
+    for keys in (advice, 'unit = "mV", gain = -1'):
+        assert load(tmp_path, text(keys), run_csv=columns).warnings == ()
+
+
 @pytest.mark.parametrize(("column", "keys", "advice"), REVERSED)
 def test_what_is_advised_for_a_wrong_sign_is_right_as_it_stands(tmp_path, columns, column, keys, advice):
     """With the unit and the gain that the channel has, from the campaign or from its file."""
