@@ -84,3 +84,12 @@ def test_an_unknown_beginning(capsys):
     assert main(["new", "foo"]) == 2
     said = capsys.readouterr().err
     assert "'foo' is not one of" in said and "Value error" not in said
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(1.0, False), (3.0, True)])
+def test_a_rate_of_one_event_is_said_to_be_one(tmp_path, capsys, seconds, told):
+    """A supply that turns on once in three seconds does not do so 1200 times an hour."""
+    store = "[shunts.storage]\nturn_on = 4.0\nturn_off = 2.0\npower = 0.0\n"
+    path = study(tmp_path, store, **{"load_resistance = 1e6\n": "", "= 1e-6": "= 1e-5"})
+    assert main(["simulate", str(path), "--transient", str(seconds)]) == 0
+    assert ("the supply turns on once in 3 s, which the figures per hour" in capsys.readouterr().err) == told

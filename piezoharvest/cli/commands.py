@@ -107,6 +107,9 @@ def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) 
         note(f"warning: {where}: not to be trusted: {response.message or 'did not converge'}")
     elif response.message:
         note(f"warning: {where}: {response.message}")
+    if transient is not None and response.wakes_per_hour and round(response.wakes_per_hour * transient / 3600) == 1:
+        once = f"the supply turns on once in {transient:g} s, which the figures per hour are extrapolated from"
+        note(f"{where}: {once}: a longer --transient shows how often it does")
     return response if waveforms else replace(response, waveforms=None)
 
 

@@ -28,9 +28,11 @@ _WORDS = {
 }  # fmt: skip
 # Levels: "dB re 1 g/N", "dB re. 1e-6 m/N", "dB ref (m/s)/N", "dB (m/N)".
 _LEVEL = re.compile(
-    r"db\s*(?:\bref?\b\.?:?\s*|(?=[(\[]))(?P<size>\d[\d.]*(?:e[+-]?\d+)?\s+)?(?P<unit>\S.*)", re.IGNORECASE
+    r"db\s*(?:\bre[fl]?\b\.?:?\s*|(?=[(\[]))(?P<size>\d[\d.]*(?:e[+-]?\d+)?\s+)?(?P<unit>\S.*)", re.IGNORECASE
 )
 _COMPOUND = {"rad/s": ("Hz", 0.5 / math.pi), "rpm": ("Hz", 1 / 60)}
+# A mobility or an accelerance with all that it is divided by in brackets: "m/(s*N)", "mm/(N s^2)".
+_BELOW = re.compile(r"(\w*m)\s*/\s*\(\s*(?:(s\^?2?)\s*[*·⋅ ]\s*(\w*N)|(\w*N)\s*[*·⋅ ]\s*(s\^?2?))\s*\)")
 _ACCELERATION = re.compile(r"(\w*m)\s*(?:/|\s|per|_per_|_)\s*s\s*(?:\^|\*\*)?-?\s*2")
 _SPEED = re.compile(r"(\w*m)\s*(?:/|per|_per_|_)\s*s")
 _BRACKETS = re.compile(r"(.*?)\s*(?:\(([^()]+|[^()]*\([^()]*\)[^()]*)\)|\[([^][]+)\])\s*(?:-data)?\s*", re.S)
@@ -67,6 +69,7 @@ def unit_of(text: str) -> Unit | None:
     if not 0 < len(cleaned) <= 32:
         return None
     plain = unicodedata.normalize("NFKC", cleaned)  # one sign for micro, for ohm, and 2 for its superscript
+    plain = re.sub(r"(?i)(db)\s*\((re[fl]?\b.*)\)", r"\1 \2", plain)  # "dB (re 1 m/N)"
     if level := _LEVEL.fullmatch(plain):
         zero = unit_of(_without_brackets(level["unit"]))
         size = float(level["size"] or 1.0) if zero is not None else 0.0
@@ -127,6 +130,8 @@ def _motion(text: str) -> tuple[str, float] | None:
 
 def _ratio(text: str) -> tuple[str, float] | None:
     """SI unit and factor of a quotient of two units, as of a frequency response."""
+    if match := _BELOW.fullmatch(text):
+        text = f"{match[1]}/{match[2] or match[5]}/{match[3] or match[4]}"
     for slash in (n for n, mark in enumerate(text) if mark == "/"):
         parts = [_without_brackets(part) for part in (text[:slash], text[slash + 1 :])]
         found = [_simple(part) or _motion(part) for part in parts]

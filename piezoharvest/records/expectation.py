@@ -17,6 +17,7 @@ from piezoharvest.description.shunts import LinearShunt, Open, Short, Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import TwoPort, assemble, hysteresis_slope
 from piezoharvest.linear.assembly import LinearModel, angular, connect
+from piezoharvest.records.reading.channels import RATES
 
 _MASSES = (1.0, 0.5, 0.7, 1.4, 2.0)
 _DAMPINGS = (1.0, 0.3, 3.0)
@@ -50,7 +51,7 @@ def transfers(
     ----------
     transducer : Transducer
     shunt : Shunt or None
-        With switches or diodes, only the displacement is predicted, between that with open and with shorted electrodes.
+        With switches or diodes, only the motion is predicted, between that with open and with shorted electrodes.
     drive : str
         The imposed channel. With an imposed voltage, a force is a second input.
     frequencies : (f,) array
@@ -69,7 +70,7 @@ def transfers(
     omega = angular(frequencies)
     for model in _models(transducer, shunts, drive, nominal):
         for (response, cause), values in _responses(model, drive, omega).items():
-            if linear or response == "displacement":
+            if linear or response == "displacement" or response in RATES:
                 found.setdefault(response, {}).setdefault(cause, []).append(values)
     # The predictions of these would be rounding errors only.
     silent = {"voltage"} if isinstance(shunt, Short) else {"current"} if isinstance(shunt, Open) else set()
@@ -101,13 +102,25 @@ def _model(transducer: Transducer, shunt: Shunt | None, drive: str, point: str) 
 def _responses(model: LinearModel, drive: str, omega: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
     """Transfer functions (f,) by (response, input) of one variant."""
     if drive == "voltage":
-        return _of(model, omega, ("displacement", "current"), ("force", "voltage"))
+        return _with_rates(_of(model, omega, ("displacement", "current"), ("force", "voltage")), omega)
     found = _of(model, omega, ("displacement", "voltage", "current"), (drive,))
     if drive != "displacement":
-        return found
+        return _with_rates(found, omega)
     # Whatever moves the structure: its displacement is known, and the other channels are proportional to it.
     moved = found.pop(("displacement", drive))
-    return {("force", drive): 1 / moved, **{key: values / moved for key, values in found.items()}}
+    rates = _rates(drive, np.ones(len(omega)), omega)
+    return {("force", drive): 1 / moved, **{key: values / moved for key, values in found.items()}, **rates}
+
+
+def _with_rates(found: dict[tuple[str, str], np.ndarray], omega: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
+    """Transfer functions, and those of velocity and acceleration that follow from them."""
+    moved = [(cause, values) for (response, cause), values in found.items() if response == "displacement"]
+    return found | {key: values for cause, motion in moved for key, values in _rates(cause, motion, omega).items()}
+
+
+def _rates(cause: str, motion: np.ndarray, omega: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
+    """Velocity and acceleration (f,) of a displacement (f,), by (response, input)."""
+    return {(rate, cause): (1j * omega) ** order * motion for rate, order in RATES.items()}
 
 
 def _of(

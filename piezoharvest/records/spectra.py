@@ -14,10 +14,14 @@ _ENERGY_SHARE = 0.98  # of the drive's energy that its lines hold
 _ABOVE_FLOOR = 30.0  # times the median power, if the drive has few lines and the rest is noise
 _MAX_NOISE_SHARE = 0.3  # of the energy: a floor that has more is part of the drive
 _MAX_LINES = 400  # lines that are used, spread over all
+_LEAST_SEEN = 0.5  # share of a drive's energy that a Hann window has to keep, against what it keeps of a lasting one
 
 
 class Spectra:
-    """Hann-windowed spectra of the channels of a record, computed at first access.
+    """Spectra of the channels of a record, computed at first access.
+
+    They are Hann-windowed, unless that would hide the drive: a blow of a hammer near the beginning of a record is
+    followed by its response, and both are seen without a window.
 
     Parameters
     ----------
@@ -45,10 +49,10 @@ class Spectra:
         if channel not in self._kept:
             values = self.record[channel]
             n = len(values)
-            window = hann(n, sym=False)
-            # Without mean and trend; their rest is in the lowest lines, which are not used.
+            window = np.ones(n) if self.brief else hann(n, sym=False)
+            # Without mean and trend; their rest is in the lowest lines, which are not used. A blow has no trend.
             ramp = np.linspace(-1.0, 1.0, n)
-            trend = 3.0 * np.dot(ramp, values) / n * (n - 1) / (n + 1)
+            trend = 0.0 if self.brief else 3.0 * np.dot(ramp, values) / n * (n - 1) / (n + 1)
             ramp *= -trend
             ramp += values
             ramp -= np.mean(values)
@@ -57,6 +61,17 @@ class Spectra:
             spectrum *= 2 / window.sum()
             self._kept[channel] = spectrum
         return self._kept[channel]
+
+    @cached_property
+    def brief(self) -> bool:
+        """True if the drive is over, or all but over, before a Hann window opens.
+
+        A lasting drive keeps 3/8 of its energy in a Hann window, wherever in the record it begins. It is taken from its
+        first value on, so that a step lasts.
+        """
+        drive = self.record[self.record.drive]
+        power = (drive - drive[0]) ** 2
+        return bool(np.dot(hann(len(drive), sym=False) ** 2, power) < _LEAST_SEEN * 3 / 8 * power.sum())
 
     def lines(self, spectrum: np.ndarray) -> np.ndarray:
         """Indices of the lines with a spectrum's energy, without those below one period in the record."""

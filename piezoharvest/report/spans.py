@@ -18,6 +18,7 @@ from piezoharvest.study import Study
 
 _WIDTHS = 4.0  # half-power widths, or distances of the two resonances, on each side
 _DECADE = 10.0
+_WIDE = 4.0  # ratio of the ends of a range, two octaves, above which its axis is logarithmic
 _MAX_LOAD_RATIO = 1e3  # of a load against the impedance of the capacitance
 
 
@@ -78,9 +79,12 @@ def resonance_span(study: Study) -> Span:
 
 
 def sweep_span(study: Study) -> Span:
-    """Range for sweeping a sine: around the resonance, or around a drive that is far from it."""
+    """Range for sweeping a sine: around the resonance or a drive that is far from it, with all of a design's band."""
     drive, around = drive_frequency(study), resonance_span(study)
     band = design_band(study)
+    if band is not None and not around.low <= band[0] < band[1] <= around.high:  # it holds several modes
+        low, high = min(around.low, 0.98 * band[0]), max(around.high, 1.02 * band[1])
+        return Span(low, high, high > _WIDE * low)
     if drive is None or around.low <= drive <= around.high or band is not None:
         return around
     return Span(drive / _DECADE, drive * _DECADE, True)

@@ -234,7 +234,7 @@ def _imported(deck, shunt, point):
     names = {branch.name.lower(): f"{branch.part.kind}_{_plain(branch.name)}" for branch in shunt.branches}
     fluxes = [point.initial(f"flux_{n}") for n in range(len(shunt.coils[0]))]
     currents = dict(zip([coil.name for coil in shunt.coils[0]], shunt.coils[1] @ fluxes, strict=True))
-    harvested = []
+    harvested, stored, dc = [], shunt.dc_capacitor, "0"
     for branch in shunt.branches:
         kind, model, name = branch.part.kind, branch.part.model, names[branch.name.lower()]
         plus, minus = (numbers.get(node, f"net{node}") for node in branch.nodes)
@@ -248,6 +248,8 @@ def _imported(deck, shunt, point):
             deck.add(f"{name} {plus} {minus} {' '.join(controls)} model_{name}")
         elif kind == "C":
             deck.add(f"{name} {plus} {minus}", branch.value, point.condition(f"voltage_{branch.name}"))
+            if stored is not None and branch is stored[0]:
+                dc = across if stored[1] > 0 else f"-{across}"
         elif kind == "L":
             deck.add(f"{name} {plus} {minus}", branch.value, f"IC={number(currents[branch.name])}")
         else:
@@ -257,7 +259,7 @@ def _imported(deck, shunt, point):
             harvested.append((1.0, f"{across}*{through[kind]}"))
     for coupling in shunt.couplings:
         deck.add(f"K_{_plain(coupling.name)} {' '.join(names[coil] for coil in coupling.of)} {number(coupling.value)}")
-    return NetlistCircuit(total(harvested))
+    return NetlistCircuit(total(harvested), dc)
 
 
 def _plain(name):

@@ -202,6 +202,18 @@ class TestWarnings:
         text = '[channels]\ndisplacement = { column = "displacement_mm", unit = "mm" }\n'
         assert load(tmp_path, TRANSDUCER + text + RECORD, run_csv=columns).warnings == ()
 
+    @pytest.mark.parametrize(
+        ("name", "warned"),
+        [
+            ("displacement", True), ("Displacement [um]", True), ("displacement_2", True),
+            ("displacement_ref", False), ("displacement_limit_mm", False), ("displacements_seen", False),
+        ],
+    )  # fmt: skip
+    def test_a_column_whose_name_only_begins_as_that_of_a_channel(self, tmp_path, columns, name, warned):
+        columns[name] = 1e3 * columns.pop("displacement_m")
+        found = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns).warnings
+        assert [(finding.check, finding.channel) for finding in found] == [("unused column", "displacement")] * warned
+
     def test_a_column_that_one_record_has_not(self, tmp_path, columns):
         text = '[channels]\nvoltage = { column = "voltage_V" }\n' + RECORD + RECORD.replace("run", "two")
         two = {name: values for name, values in columns.items() if name != "voltage_V"}
@@ -380,6 +392,21 @@ REVERSED = [
     ("voltage_V", "gain = 0.001", 'unit = "V", gain = -0.001'),
     ("voltage_V", 'unit = "mV", gain = 0.5, offset = 20.0', 'unit = "mV", gain = -0.5, offset = -20'),
 ]
+
+
+def test_a_gain_that_turns_a_sign_does_not_silently_change_the_unit(tmp_path, columns):
+    """A gain overrules the unit of the file: of -1 beside millivolts, the values would be volts."""
+    columns["voltage (mV)"] = -1e3 * columns.pop("voltage_V")
+
+    def text(keys):
+        return f'{TRANSDUCER}[channels]\nvoltage = {{ column = "voltage (mV)", {keys} }}\n{RECORD}'
+
+    error = failure(tmp_path, text("gain = -1"), run_csv=columns)
+    assert "found the unit 'mV' in the file" in str(error)
+    advice = 'unit = "V", gain = -0.001'
+    assert advice in str(error)
+    for keys in (advice, 'unit = "mV", gain = -1'):
+        assert load(tmp_path, text(keys), run_csv=columns).warnings == ()
 
 
 @pytest.mark.parametrize(("column", "keys", "advice"), REVERSED)

@@ -6,6 +6,7 @@ import pytest
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.readers import ReadError, open_reader
 from piezoharvest.readers.conversion import unit_factor, with_unit
+from piezoharvest.readers.units import unit_of
 from piezoharvest.records import CampaignError, load_campaign
 
 TRANSDUCER = "[transducer]\nmass=0.010\ndamping=0.0628\nstiffness=986.96\ncoupling=1e-3\ncapacitance=40e-9\n"
@@ -147,3 +148,19 @@ def test_units_as_people_write_them(unit, si, factor):
 def test_a_decimal_comma_is_named():
     with pytest.raises(ParameterError, match=r"found '10,5 g', must have a decimal point, not a comma"):
         with_unit("10,5 g", "kg")
+
+
+@pytest.mark.parametrize(
+    ("text", "of", "size"),
+    [
+        ("dB re 1 m/(s\u00b7N)", "(m/s)/N", 1.0), ("dB (re 1 m/s/N)", "(m/s)/N", 1.0),
+        ("dB rel 1 mm/s/N", "(m/s)/N", 1e-3),
+        ("dB re 1 mm/(N s\u00b2)", "(m/s^2)/N", 1e-3), ("dB (um/N)", "m/N", 1e-6),
+    ],
+)  # fmt: skip
+def test_what_zero_decibels_are_of(text, of, size):
+    """As analysers write it, with what a mobility is divided by in brackets."""
+    unit = unit_of(text)
+    assert unit is not None
+    assert (unit.si, unit.of) == ("dB", of)
+    assert unit.factor == pytest.approx(size, rel=1e-12)

@@ -108,6 +108,13 @@ class TestSpans:
             for f in (study.excitation.frequency, *(study.design.band or ())):
                 assert span.low < f < span.high
 
+    def test_a_band_with_several_modes_is_shown_whole(self):
+        study = study_of("band")
+        wide = dataclasses.replace(study, design=dataclasses.replace(study.design, band=(15.0, 600.0)))
+        span = sweep_span(wide)
+        assert span.low < 15.0 < 600.0 < span.high
+        assert span.logarithmic
+
     def test_far_from_resonance_the_drive_is_looked_at(self):
         assert sweep_span(study_of("stack")) == (50.0, 5000.0, True)
 

@@ -106,6 +106,15 @@ class TestAgainstNgspice:
         assert figures[0].engine > 1e-5
         assert max(abs(figure.difference) for figure in figures) < 5e-3
 
+    @pytest.mark.parametrize("capacitor", ["plus minus", "minus plus"])
+    def test_the_voltage_of_the_smoothing_capacitor(self, capacitor):
+        """Both programs give that across the first load, whichever way round the capacitor is written."""
+        text = BRIDGE.format(ron="50", roff="10meg", drop="0.1").replace("Cs plus minus", f"Cs {capacitor}")
+        figures, _ = compare(*objects(bench(of_spice(text, load=["Rload"]), **DAMPED)))
+        (voltage,) = (figure for figure in figures if figure.name == "dc_voltage")
+        assert voltage.engine > 0.1
+        assert voltage.ngspice == pytest.approx(voltage.engine, rel=1e-3)
+
 
 class TestLanguage:
     @pytest.mark.parametrize(

@@ -36,10 +36,11 @@ def run(*effects):
 
 
 def test_it_changes_nothing_at_its_null_value():
-    strength = EFFECT.strength()
-    null, step = strength.metadata["null"], 1e-9 * (strength.default - strength.metadata["null"])
-    assert EFFECT(**{{strength.name: null}}).absent
-    near, without = run(EFFECT(**{{strength.name: null + step}})), run()  # at null it is left out
+    strengths = [field for field in FIELDS if field.metadata["null"] is not None]
+    nulls = {{field.name: field.metadata["null"] for field in strengths}}
+    steps = {{field.name: nulls[field.name] + 1e-9 * (field.default - nulls[field.name]) for field in strengths}}
+    assert EFFECT(**nulls).absent
+    near, without = run(EFFECT(**steps)), run()  # at null it is left out
     assert near.displacement_amplitude == pytest.approx(without.displacement_amplitude, rel=1e-6)
     assert near.voltage_amplitude == pytest.approx(without.voltage_amplitude, rel=1e-6)
 

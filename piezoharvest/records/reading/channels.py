@@ -96,7 +96,8 @@ class ChannelSource(Component):
         Raises
         ------
         ParameterError
-            The file states another unit than the campaign, or one of another quantity; the error's key is "unit".
+            The file states another unit than the campaign, or one of another quantity, or one that a gain of -1 would
+            overrule; the error's key is "unit".
         """
         if levels and (self.unit.startswith("dB") or (not self.unit and stated is not None and stated.of == si)):
             return self._of_levels(raw, si, stated)
@@ -104,6 +105,13 @@ class ChannelSource(Component):
         scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
         if self.gain is None and stated is not None:
             scale *= self._stated_factor(stated, si) / factor
+        if self.gain == -1 and not self.unit and stated is not None and stated.si == si and stated.factor != 1:
+            # Meant to turn a sign, it would change the unit as well.
+            found = f"found the unit {stated.text!r} in the file, which a gain overrules, and gain = -1 without a unit"
+            raise ParameterError(
+                "unit",
+                f'{found}; {{ unit = "{si}", gain = {-stated.factor:.10g} }} turns the sign of values in that unit',
+            )
         values = raw if scale == 1 else scale * raw
         return values if shift == 0 else values + shift
 

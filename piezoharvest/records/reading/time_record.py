@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
@@ -103,13 +104,14 @@ class TimeRecordReader:
     def _overlooked(self) -> Iterator[Finding]:
         """A warning for each column that is not used, but has the name of a channel that the record lacks.
 
-        Such as "displacement_mm", where "displacement_m" is read unless [channels] gives another name.
+        Such as "displacement_mm", where "displacement_m" is read unless [channels] gives another name; a column
+        "voltage_ref" is another quantity.
         """
         reader, used = self.files.reader(self.entry.file), {name for some in self.columns.values() for name in some}
         for channel, (_, level) in self.sources.items():
             if channel == "time" or channel in self.columns or level != "default":
                 continue
-            near = [name for name in reader.names if last_part(name).lower().startswith(channel) and name not in used]
+            near = [name for name in reader.names if name not in used and _is_named(last_part(name), channel)]
             if near:
                 found = f"the {reader.part} {cut(near[0])!r} is not used, as {COLUMNS[channel]!r} is expected"
                 message = found + self._naming(channel, reader)
@@ -231,6 +233,12 @@ class TimeRecordReader:
                 message = f"its samples are from {own[0]:g} s to {own[-1]:g} s, but those of the drive"
                 raise self.error(channel, f"{message} from {found[0]:g} s to {found[-1]:g} s")
         return found
+
+
+def _is_named(name: str, channel: str) -> bool:
+    """True if a column is called as a channel is, with a unit or a number behind the name or without."""
+    bare = re.sub(r"[\W_]*\d*$", "", stated_unit(name)[0]).lower()
+    return re.sub(r"[\W_]+", "_", bare) == channel
 
 
 def named_time(reader: Reader) -> str | None:

@@ -15,7 +15,16 @@ from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.law_files import save_laws
 from piezoharvest.description.effects import DiodeDropError, registered
 from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
+from piezoharvest.description.effects.nameless.forms import (
+    Bends,
+    Corners,
+    Hertz,
+    Knee,
+    Line,
+    Monomial,
+    Polynomial,
+    Power,
+)
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import (
@@ -40,6 +49,7 @@ from piezoharvest.predict.record_model import RecordModel
 
 BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
 LAWS = [
+    Law(place=Damper(), form=Polynomial(factor=6e-4, second=-8e-6, scale=0.1, exponents=(3, 5))),
     Law(place=Load(), form=Knee(factor=5e-5, knee=2.19)),
     Law(place=Damper(), form=Power(factor=2e-3, exponent=1.7, scale=0.2)),
     Law(place=Spring(), form=Monomial(factor=np.float64(0.05), scale=np.float64(1e-3), exponent=3)),

@@ -167,7 +167,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
             )
             for which, sign in (("high", 1), ("low", -1))
         }
-        return super().possible_states(voltage) | found
+        return {**super().possible_states(voltage), **found}
 
     def guessed_states(self, voltage: float, rate: float) -> Mapping[str, float]:
         """Envelopes that follow the voltage, or halfway between what it is and what would close a breaker."""
