@@ -92,13 +92,14 @@ def _within_limits(system: SampledSystem, shunt: Shunt, z: np.ndarray, d: np.nda
     Like the electrodes in `_discharge`, they keep a bit away from where diodes conduct, and their derivatives where the
     voltage has no influence.
     """
-    program, names, count = system.lowered.program, system.lowered.states, system.count
-    scale, row = _of(program, "scale", count), _of(program, "voltage_row", count)
-    n, whole = len(z), np.concatenate([z, _resting_signal(system.plain.program)])
-    _set_elements(system.plain.program, whole)
-    voltage, changes = float(row.value @ whole), row.value[:n] @ d
-    changes[:count] += row.change @ whole
-    begun, moved = dict[str, float](), margin * abs(row.value[program.charge])
+    program, plain, names, count = system.lowered.program, system.plain.program, system.lowered.states, system.count
+    # The nominal system has no elements of effects at their null values.
+    scale, row, n = _of(program, "scale", count), np.real(plain.voltage_row), len(z)
+    whole = np.concatenate([z, _resting_signal(plain)])
+    _set_elements(plain, whole)
+    voltage, changes = float(row @ whole), row[:n] @ d
+    changes[:count] += _of(program, "voltage_row", count).change[:, :n] @ z
+    begun, moved = dict[str, float](), margin * abs(row[plain.charge])
     for name, limits in shunt.possible_states(voltage + 1j * STEP).items():
         k = names.index(name)
         unit, value = scale.value[k], float(scale.value[k] * z[k])
