@@ -14,6 +14,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.start_values.growing_drives import fit_from_small_drives
 from piezoharvest.identify.start_values.initial_estimates import estimate_initial_values
 from piezoharvest.identify.start_values.initial_hysteresis_state import fit_nuisance, has_initial_states
 from piezoharvest.identify.start_values.resonance_starts import transducers_at_resonances
@@ -77,6 +78,8 @@ def fit_multistart(
     poor(best)
     other = _fit_with_initial_states(problem, replace(first, parameters=model.parameters), nuisance, best, progress)
     if other is None:
+        other = _fit_from_small_drives(problem, first, best, progress)
+    if other is None:
         other = _fit_with_other_thresholds(problem, first, nuisance, best, progress)
     return best if other is None else fit(problem, other.model, other.nuisance, progress=progress, rounds=2)
 
@@ -126,6 +129,23 @@ def _fit_with_initial_states(
         return None
     progress("another start: other initial states of the stops")
     return _fit_if_better(problem, first, begun.nuisance, best)
+
+
+def _fit_from_small_drives(
+    problem: Problem, first: Model, best: Fit, progress: Callable[[str], None]
+) -> Fit | None:  # fmt: skip
+    """Fit from the records with small drives on, if it is better than the best; else None.
+
+    Where operators slip through most of a loop, a few per cent in stiffness and coupling may lead to a false minimum.
+    """
+    try:
+        start = fit_from_small_drives(problem, first, best.noise)
+    except PredictionError:
+        return None
+    if start is None:
+        return None
+    progress("another start: the records with small drives first")
+    return _fit_if_better(problem, *start, best)
 
 
 def _fit_with_other_thresholds(

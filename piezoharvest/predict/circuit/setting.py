@@ -150,9 +150,10 @@ def circuit_setting(
         setting = replace(setting, fixed=(("x1", x), ("u1", u / sample_time), ("q", transducer.coupling * x)))
     x, u, q, v = _largest(replace(transducer, effects=()), setting)
     x = max(x, moved, MIN_SHARE * np.max(np.abs(values)) / transducer.stiffness, 1e-300)
-    u = max(u, x * MIN_SHARE / sample_time)
-    q = max(q, MIN_SHARE * x * abs(transducer.coupling), 1e-300)
-    v = max(v, MIN_SHARE * q / transducer.capacitance)
+    # A step that has come on before moves nothing from rest under it, and what a record shows may be its decay.
+    swing = min(float(np.sqrt(transducer.stiffness / transducer.mass)), 1.0 / sample_time)
+    u, q = max(u, x * swing), max(q, x * abs(transducer.coupling), 1e-300)
+    v = max(v, q / transducer.capacitance)
     by = {"x": x, "u": u, "q": q}
     return replace(
         setting, free=(*names, *(state.name for state in own)),
