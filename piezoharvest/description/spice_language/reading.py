@@ -324,7 +324,8 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
         values[key] = value_of(text, known)
     if kind == "D" and not model.values.keys() & {"ron", "roff", "vfwd"}:
         found = f"found model {called} (line {model.line}), whose law is exponential"
-        raise ValueError(f"{found}, must be one such as {example}")
+        line = "piezoharvest.exponential_diode(Is, N, Rs, peak_current) gives the line for a current"
+        raise ValueError(f"{found}, must be one such as {example}; {line}")
     for key in ("ron", "roff"):
         if not values[key] > 0:
             raise ValueError(f"found {key}={values[key]:g} in the model {called}, must be greater than 0")
