@@ -28,7 +28,7 @@ from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
-from piezoharvest.equations.terms import Terms
+from piezoharvest.equations.terms import Terms, state_names
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
@@ -43,6 +43,10 @@ Systems: TypeAlias = dict[tuple[Hashable, ...], SampledSystem]
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
 # Channels that are read from an output of another name: a current through a load, a force that an imposed motion takes.
 OUTPUT_OF = {"dc_current": "dc_voltage", "force": "drive"}
+# Times its size: largest magnitude of what a circuit begins with, but for a dc voltage, which is measured. With what
+# electrodes may charge it to as size, ten times as much is a hundred times the energy; from there a fit that lacks
+# something would run into chatter.
+MOST_AT_FIRST = 10.0
 MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
 
 # Edges of a gate that are fitted: the time for a derivative grows with their number. Of more of them, each is known to
@@ -102,7 +106,11 @@ class CircuitPrediction:
         free = tuple(f"start {name}" for name in (*setting.free, *(state.name for state in self.begun_states)))
         self.nuisance_names = (*free, *memories, *edges)
         self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
-        self.nuisance_limits = np.concatenate([np.full(len(free), np.inf), np.ones(stops + len(edges))])
+        own_motion = state_names(transducer)
+        of_circuit = [k for k, name in enumerate(setting.free) if name not in (*own_motion, "dc")]
+        limits = np.full(len(free), np.inf)
+        limits[of_circuit] = MOST_AT_FIRST
+        self.nuisance_limits = np.concatenate([limits, np.ones(stops + len(edges))])
 
     @property
     def begun_from(self) -> int:

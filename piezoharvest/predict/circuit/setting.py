@@ -162,8 +162,9 @@ def circuit_setting(
 
 
 def _size(state: State, voltage: float, capacitance: float) -> float:
-    """Size of a circuit's state, SI units: with the energy of the electrodes at a voltage, or behind diodes that."""
-    return voltage if state.name == "dc" else voltage * float(np.sqrt(capacitance / abs(state.storage)))
+    """Size of a circuit's state, SI units: what electrodes at a voltage may charge it to, directly or by a coil."""
+    by_a_coil = voltage * float(np.sqrt(capacitance / abs(state.storage)))
+    return max(voltage, by_a_coil, abs(float(np.real(state.initial))))
 
 
 def _largest(transducer: Transducer, setting: Setting) -> list[float]:
