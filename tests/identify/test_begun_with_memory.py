@@ -5,6 +5,7 @@ The records are of the bench's solver, from rest; what is given to the fit is th
 
 import numpy as np
 import pytest
+from conformance.examples import SPICE
 from scipy.signal import butter, lfilter
 from studies import BENCH, STOPS
 
@@ -25,16 +26,6 @@ from piezoharvest.predict.circuit.setting import begins_anywhere
 RATE, COUNT, NOISE = 5000.0, 2000, 1e-3
 COIL = {"inductance": 0.01, "quality": 6.0}
 BREAKER = {**COIL, "envelope_capacitance": 1e-9, "threshold": 0.6}
-FILTERED = """* a bridge with a coil and a capacitor behind it
-.model d D(Ron=10 Roff=1g Vfwd=0.1)
-D1 p plus d
-D2 0 plus d
-D3 minus p d
-D4 minus 0 d
-C1 plus minus 0.1u
-L1 plus out 10
-Rload out minus 160k
-"""
 # Circuits, and the samples at which records begin: with the envelope of a breaker above the voltage, and the amplifier
 # at the limit of its output.
 CASES = {
@@ -44,7 +35,7 @@ CASES = {
     "amplifier": (
         OpAmpNegativeCapacitance(capacitance=24e-9, resistance=8e4, gain_bandwidth=1e5, saturation=2.0), 1003,
     ),
-    "filter": (SpiceCircuit(netlist=FILTERED, load=("Rload",)), 940),
+    "filter": (SpiceCircuit(netlist=SPICE, load=("Rload",)), 940),
     "capacitor across the leads": (ParallelRLC(inductance=250.0, resistance=8e4, capacitance=24e-9), 1003),
 }  # fmt: skip
 
