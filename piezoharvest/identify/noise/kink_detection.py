@@ -20,7 +20,8 @@ MIN_KINK_SHARE = 0.1  # least share of the squares above noise that each kink ex
 MAX_END_RATIO = 0.25  # of the line from which on a drive is noise: kinks must lower it to less than this
 WINDOW_SAMPLES = 8  # consecutive samples whose sum of squares is tested against noise
 FALSE_ALARM_PROBABILITY = 1e-2  # probability of a false alarm in a record
-LINES_AT_A_TIME = 1 << 16  # lines at a time: all lines of all kinks of a long record would not fit into memory
+LINES_AT_A_TIME = 1 << 16  # lines of a block: all lines of all kinks of a long record would not fit into memory
+KEPT = 32  # blocks of ends and of kinks, each of at most 1.5 MiB: a search asks for the same ones again and again
 
 
 def kink_free_noise(spectrum: np.ndarray, end: int) -> np.ndarray:
@@ -69,9 +70,14 @@ def _is_stationary_noise(noise: np.ndarray, count: int, level: float) -> bool:
     squares = np.asarray(idct(np.pad(noise, (count - len(noise), 0)), norm="ortho")) ** 2 / level
     some = np.convolve(squares, np.ones(WINDOW_SAMPLES), "valid")
     return bool(
-        squares.max() < chi2.isf(FALSE_ALARM_PROBABILITY / count, 1)
-        and some.max() < chi2.isf(FALSE_ALARM_PROBABILITY / count, WINDOW_SAMPLES)
+        squares.max() < _largest_sum_of_noise(count, 1) and some.max() < _largest_sum_of_noise(count, WINDOW_SAMPLES)
     )
+
+
+@lru_cache(KEPT)
+def _largest_sum_of_noise(count: int, together: int) -> float:
+    """Sum of squares of some samples in a row of unit white noise that few records of `count` samples exceed."""
+    return float(chi2.isf(FALSE_ALARM_PROBABILITY / count, together))
 
 
 def _refined_kinks(spectrum: np.ndarray, bends: list[int], begin: int, level: float) -> list[int]:
@@ -87,29 +93,52 @@ def _refined_kinks(spectrum: np.ndarray, bends: list[int], begin: int, level: fl
 def _residual_lines(spectrum: np.ndarray, bends: Sequence[int], begin: int) -> np.ndarray:
     """Lines from `begin` on minus the least-squares fit of kinks and ends to all of them."""
     count = len(spectrum)
-    ends = [*range(begin, count, LINES_AT_A_TIME), count]
-    shapes = lru_cache(1)(lambda low, high: _kink_shapes(bends, begin, np.arange(low, high), count))
+    bounds = [begin, *range((begin // LINES_AT_A_TIME + 1) * LINES_AT_A_TIME, count, LINES_AT_A_TIME), count]
+    shapes = lru_cache(1)(lambda low, high: _kink_shapes(bends, begin, low, high, count))
     products = [
-        shapes(low, high).T @ np.column_stack([shapes(low, high), spectrum[low:high]]) for low, high in pairwise(ends)
+        shapes(low, high) @ np.vstack([shapes(low, high), spectrum[low:high]]).T for low, high in pairwise(bounds)
     ]
     together = np.sum(products, axis=0)
     sizes = np.linalg.lstsq(together[:, :-1], together[:, -1])[0]
-    return np.concatenate([spectrum[low:high] - shapes(low, high) @ sizes for low, high in pairwise(ends)])
+    return np.concatenate([spectrum[low:high] - sizes @ shapes(low, high) for low, high in pairwise(bounds)])
 
 
-def _kink_shapes(bends: Sequence[int], begin: int, lines: np.ndarray, count: int) -> np.ndarray:
-    """Lines of the slopes and the third derivatives at both ends of a record, and of kinks, (lines, shapes).
+def _kink_shapes(bends: Sequence[int], begin: int, low: int, high: int, count: int) -> np.ndarray:
+    """Lines of the slopes and the third derivatives at both ends of a record, and of kinks, (shapes, lines).
 
     The lines of a kink are those of its second difference over squared frequencies; a step and a single sample are
-    added, by which a kink may lie between samples.
+    added, by which a kink may lie between samples. All are about one at the line `begin`.
     """
-    angles, lowest = np.pi * lines / count, np.pi * begin / count
-    weights = (1.0 - np.cos(lowest)) / (1.0 - np.cos(angles))
-    found = [power * np.cos(angles * (end + 0.5)) for end in (0, count - 1) for power in (weights, weights**2)]
-    for place in bends:
-        wave, slope = np.cos(angles * (place + 0.5)), np.sin(angles * (place + 0.5)) * np.sin(angles)
-        found += [weights * wave, weights * slope / np.sin(lowest), wave]
-    return np.column_stack(found)
+    block, lowest = low // LINES_AT_A_TIME, np.pi * begin / count
+    part = slice(low - block * LINES_AT_A_TIME, high - block * LINES_AT_A_TIME)
+    weight = 1.0 - np.cos(lowest)
+    of_ends, of_bends = [weight, weight**2], [weight, weight / np.sin(lowest), 1.0]
+    found = [_lines_of_end(end, block, count)[:, part] for end in (0, count - 1)]
+    found += [_lines_of_kink(place, block, count)[:, part] for place in bends]
+    return np.concatenate(found) * np.array([*of_ends, *of_ends, *of_bends * len(bends)])[:, None]
+
+
+@lru_cache(KEPT)
+def _lines_of_end(end: int, block: int, count: int) -> np.ndarray:
+    """Slope and third derivative at the first or the last sample, (2, lines of a block)."""
+    angles, weights = _angles_and_weights(block, count)
+    return np.cos(angles * (end + 0.5)) * np.array([weights, weights**2])
+
+
+@lru_cache(KEPT)
+def _lines_of_kink(place: int, block: int, count: int) -> np.ndarray:
+    """Kink, step and single sample at a sample, (3, lines of a block)."""
+    angles, weights = _angles_and_weights(block, count)
+    wave, slope = np.cos(angles * (place + 0.5)), np.sin(angles * (place + 0.5)) * np.sin(angles)
+    return np.array([weights * wave, weights * slope, wave])
+
+
+@lru_cache(2)
+def _angles_and_weights(block: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angle of every line of a block for a sample, and the weight that two differences have there."""
+    lines = np.arange(block * LINES_AT_A_TIME, min((block + 1) * LINES_AT_A_TIME, count))
+    angles = np.pi * np.maximum(lines, 1) / count  # the mean is never asked for
+    return angles, 1.0 / (1.0 - np.cos(angles))
 
 
 def _largest_kink(noise: np.ndarray, count: int, level: float) -> int | None:
