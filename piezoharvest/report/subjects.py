@@ -10,7 +10,7 @@ from typing import Any
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts import LinearShunt, Shunt
-from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
+from piezoharvest.description.shunts.curves.broken_line import BrokenLine
 from piezoharvest.design.front.point import Front
 from piezoharvest.design.result import Candidate, given_keys
 from piezoharvest.engine.response import Response, Waveforms
@@ -119,7 +119,7 @@ def values_of(shunt: Component) -> Iterator[tuple[str, str]]:
             for other in given:
                 at = f" at electrode {other.electrode}"
                 yield from ((name + at, text) for name, text in values_of(other) if name != symbol("electrode"))
-        elif isinstance(given, Component) and not isinstance(given, VoltageCurve):  # such as what a storage feeds
+        elif isinstance(given, Component) and not isinstance(given, BrokenLine):  # such as what a storage feeds
             yield from ((f"{symbol(key)}: {name}", text) for name, text in values_of(given))
         elif isinstance(given, tuple) and any(isinstance(each, Component) for each in given):
             for n, each in enumerate(given, start=1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.supply import write_supply
@@ -203,6 +204,16 @@ def _write_saturation(deck: Deck, shunt: Bridge, point: OperatingPoint, plus: st
     deck.add(f"Bsaturated {plus} {minus} I={held}*max(-1, min(1, V({plus},{minus})/{at}))")
 
 
+def _write_load_curve(deck: Deck, curve: LoadCurve, nodes: tuple[str, str]) -> str:
+    """What the load takes beside its resistance, between two nodes; return its current."""
+    rises = changes_of([float(curve.piece(k)[1]) for k in range(curve.pieces)])
+    bends = [(at, rise) for at, rise in zip(curve.voltages[:-1], rises, strict=True) if rise]
+    each = [f"{number(rise)}*" + (f"max(V(dc)-{number(at)},0)" if at else "V(dc)") for at, rise in bends]
+    current = " + ".join(each) or "0"
+    deck.add(f"Bload {' '.join(nodes)} I={current}")
+    return current
+
+
 def _write_loads(
     deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str], store: tuple[str, str]
 ) -> NetlistCircuit:
@@ -212,6 +223,8 @@ def _write_loads(
     if shunt.load_resistance is not None:
         deck.add(f"Rload {' '.join(nodes)}", shunt.load_resistance)
         harvested.append("V(dc)*V(dc)/{resistance_load}")
+        if shunt.load_curve is not None:
+            harvested.append(f"V(dc)*({_write_load_curve(deck, shunt.load_curve, nodes)})")
         slowest = shunt.smoothing_capacitance * shunt.load_resistance
     if shunt.storage is not None:
         harvested.append(write_supply(deck, shunt.storage, point, nodes, store))

@@ -55,7 +55,7 @@ def test_names_its_source_and_its_units(cls):
         if "unit" not in field.metadata:
             without = (
                 "netlist", "topology", "port", "load", "subcircuit", "steps", "electrode", "others", "storage",
-                "diode_curve", "switch_curve", "loop_sections",
+                "diode_curve", "switch_curve", "loop_sections", "load_curve",
             )  # fmt: skip
             assert field.name in without, f"{field.name} has no unit"
             continue

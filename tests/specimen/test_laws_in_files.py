@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.description.effects import Stiffening
-from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
+from piezoharvest.description.effects.nameless.circuit_places import DcLoad, Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import (
     Bends,
     Corners,
@@ -70,6 +70,7 @@ LAWS = [
     Law(place=Capacitor(), form=Line(factor=1e-9), memory=Relaxation(time_constant=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
+    Law(place=DcLoad(reach=10.0), form=Knee(factor=1e-6, knee=4.0, sides=1)),
     Law(place=SwitchLoop(reach=np.float64(1e-2)), form=Knee(factor=50.0, knee=1e-3, sides=1)),
 ]
 

@@ -13,6 +13,7 @@ import numpy as np
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, check_kind, described, quantity
 from piezoharvest.description.shunts.base import Shunt, too_low
+from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.storage import Storage
 
@@ -40,13 +41,15 @@ class Bridge(Shunt):
     sees the voltage outside, which is lower by the resistance times the current drawn.
 
     A smoothing capacitor may start at `initial_dc_voltage`. With a table `storage`, it feeds a supply in addition to or
-    instead of the load resistance (`piezoharvest.description.shunts.stored`).
+    instead of the load resistance (`piezoharvest.description.shunts.stored`). With a table `load_curve`, what is in
+    parallel with the load resistance takes a current that is a broken line over the voltage of the load; its power is
+    harvested, too.
 
     Raises
     ------
     ParameterError
         Neither a smoothing capacitance with a load nor a dc voltage is given, or both; the initial voltage is above
-        that at which the storage is protected; or a smoothing resistance is given where it has no part.
+        that at which the storage is protected; or a smoothing resistance or a load curve is given where it has no part.
     """
 
     diodes: ClassVar[int] = 2
@@ -83,6 +86,9 @@ class Bridge(Shunt):
     diode_curve: VoltageCurve | None = described(
         "forward voltage of one diode over its current, beside diode_drop and diode_resistance", default=None
     )
+    load_curve: LoadCurve | None = described(
+        "current of the load over its voltage, beside that through load_resistance", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,6 +96,9 @@ class Bridge(Shunt):
         if self.diode_curve is not None:
             check_kind("diode_curve", self.diode_curve, VoltageCurve)
             self._check_curve(self.diode_curve)
+        if self.load_curve is not None:
+            check_kind("load_curve", self.load_curve, LoadCurve)
+            self._check_load_curve(self.load_curve)
         limit: Any = np.inf if self.storage is None else np.real(self.storage.limit)
         begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)
         if np.any(begins > limit):
@@ -106,6 +115,15 @@ class Bridge(Shunt):
         if np.any(curve.rises <= 0):
             found = f"found {list(curve.voltages)}, must increase (what does not is part of diode_drop)"
             raise ParameterError("diode_curve.voltages", found)
+
+    def _check_load_curve(self, curve: LoadCurve) -> None:
+        if self.load_resistance is None or self.storage is not None:
+            beside = "storage, whose supply is the load" if self.storage is not None else "dc_voltage"
+            raise ParameterError("load_curve", f"found together with {beside}; it belongs to a load_resistance")
+        conductances = [np.real(curve.piece(k)[1] + self._all_conductance) for k in range(curve.pieces)]
+        if np.any(1.0 + np.real(self.dc_resistance) * np.min(conductances) <= 0.0):
+            allowed = "must not fall by more than the smoothing_resistance lets settle"
+            raise ParameterError("load_curve.currents", f"found {list(curve.currents)}, {allowed}")
 
     def _check_smoothing_resistance(self) -> None:
         why = None
@@ -324,6 +342,17 @@ class Bridge(Shunt):
     def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power of what passes the diodes backwards between the leads."""
         return [Product(self.diode_leakage, port.v, port.v)] if np.any(self.diode_leakage) else []
+
+
+def charging_current(shunt: Bridge, configuration: str, port: Port, z: SimpleNamespace) -> Row:
+    """Current into the smoothing capacitor in a configuration: what arrives, less what leaves its side."""
+    at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
+    return -shunt.equations(configuration, port, z, at_rest)[balance_of_capacitor(shunt, port)]
+
+
+def balance_of_capacitor(shunt: Bridge, port: Port) -> int:
+    """Place of the capacitor's balance of currents among the equations: behind the port's, in the order of states."""
+    return 1 + [state.name for state in shunt.states(port.capacitance)].index("dc")
 
 
 def sign_of(configuration: str) -> int:

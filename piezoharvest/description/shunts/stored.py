@@ -12,7 +12,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.base import TOGETHER, ExtendedCircuit, Shunt, numbers_of
-from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.bridge import Bridge, balance_of_capacitor, charging_current
 from piezoharvest.description.shunts.storage import Storage
 
 OFF, FULL = "off", "full"
@@ -109,7 +109,7 @@ class Stored(ExtendedCircuit):
         rows = list(self._loaded(supply).equations(own, port, z, dz))
         if _level(supply) == FULL:
             # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
-            rows[self._balance(port)] = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
+            rows[balance_of_capacitor(self.circuit, port)] = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
         if self.storage.phases:
             rows.append(dz.timer - (0.0 if supply == OFF else 1.0) * port.one)
         return rows
@@ -175,10 +175,6 @@ class Stored(ExtendedCircuit):
         event = "packet is sent" if phases[_phase(supply)].sends else ""
         return [Guard(over, f"{self._supply(supply).after} {own}", "timer", event=event)]
 
-    def _balance(self, port: Port) -> int:
-        """Place of the store's balance of currents among the equations: behind the port's, in the order of states."""
-        return 1 + [state.name for state in self.circuit.states(port.capacitance)].index("dc")
-
     def _loaded(self, supply: str) -> Bridge:
         """The circuit with what the supply draws from it."""
         return self.circuit if supply == OFF else self._supply(supply).circuit
@@ -225,8 +221,7 @@ class Stored(ExtendedCircuit):
 
     def _charging(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Current into the capacitor, or past a full one: what arrives, less what leaves its side."""
-        at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
-        return -self._loaded(supply).equations(own, port, z, at_rest)[self._balance(port)]
+        return charging_current(self._loaded(supply), own, port, z)
 
     def _voltage(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the supply: that of the capacitor, with what its current makes of the resistance in series."""

@@ -38,7 +38,10 @@ def table_for(
         near = np.abs(knots) < NEAR_ZERO * (high - low) / KNOTS
         inner = knots[1:-1][~near[1:-1]]
     smooth = smooth or place.needs_slope
-    chosen = (*_first_pieces(low, high, straight=smooth or remembered or not place.bent), *map(float, inner))
+    first = _first_pieces(low, high, straight=smooth or remembered or not place.bent)
+    if place.in_circuit and low > NEAR_ZERO * (high - low) / KNOTS:  # it begins at zero, where no record may have been
+        first = [0.0, low]
+    chosen = (*first, *map(float, inner))
     kind = Bends if smooth else Corners
     return kind(knots=chosen, kinks=(0.0,) * len(chosen))
 

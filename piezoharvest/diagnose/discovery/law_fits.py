@@ -194,6 +194,13 @@ def _near(parameter: Parameter, memory: Memory) -> Parameter:
     return replace(parameter, lower=start - np.log(10.0), upper=upper)
 
 
+def _while_recorded(parameter: Parameter, law: Law, visited: np.ndarray) -> Parameter:
+    """Parameter of a law; the moment of a step is one at which something was recorded: outside it is a constant."""
+    if not isinstance(law.form, StepChange) or parameter.path[-1] != "at":
+        return parameter
+    return replace(parameter, lower=float(visited.min()), upper=float(visited.max()))
+
+
 def _quantities(component: Component, path: Path) -> list[Parameter]:
     """Parameters for the quantities of a form or a memory."""
     fields = [field for field in dataclasses.fields(component) if "unit" in field.metadata]
@@ -272,7 +279,8 @@ def fitted(
 ) -> LawFit | None:
     """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
     first = len(base.model.transducer.effects)
-    model = extended(base.model, [law], law_parameters(law, first, deviation))
+    parameters = [_while_recorded(p, law, visited) for p in law_parameters(law, first, deviation)]
+    model = extended(base.model, [law], parameters)
     try:
         nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):

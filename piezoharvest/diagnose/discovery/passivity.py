@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.effects import Effect
-from piezoharvest.description.effects.nameless.circuit_places import has_diodes, has_loop
+from piezoharvest.description.effects.nameless.circuit_places import DcLoad, has_dc_load, has_diodes, has_loop
 from piezoharvest.description.effects.nameless.memory import DIRECT
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.diagnose import thresholds
@@ -52,7 +52,9 @@ def own_part(problem: Problem, table: LawFit) -> tuple[float, float]:
         return 0.0, float(np.real(device.damping))
     labels = (data.setting.shunt for data in problem.data if isinstance(data, Data))
     shunts: list[Any] = [_connected(label, device.effects[: table.index]) for label in labels if label is not None]
-    if name == "load":
+    if isinstance(table.place, DcLoad):
+        own = [(0.0, 1.0 / shunt.load_resistance) for shunt in shunts if has_dc_load(shunt)]
+    elif name == "load":
         own = [(0.0, 1.0 / shunt.resistance) for shunt in shunts if isinstance(shunt, Resistor)]
     elif name == "diode":
         own = [(shunt.diode_drop, shunt.diode_resistance) for shunt in shunts if has_diodes(shunt)]

@@ -6,7 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
+from piezoharvest.description.effects.nameless.circuit_places import (
+    DcLoad,
+    Diode,
+    SwitchLoop,
+    has_dc_load,
+)
 from piezoharvest.description.effects.nameless.places import (
     PARAMETERS_OVER_TIME,
     TIMES,
@@ -40,7 +45,9 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     inside: list[Place] = [Spring(), Electrodes(), Capacitor(), Coupling()]
     inside += [] if quasi_static else [Damper()]
     inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
-    inside += [kind(reach=_largest(visited[kind.input])) for kind in (Diode, SwitchLoop) if kind.input in visited]
+    loaded = any(has_dc_load(data.setting.shunt) for data in records)
+    kinds = (Diode, SwitchLoop, *([DcLoad] if loaded else []))
+    inside += [kind(reach=_largest(visited[kind.input])) for kind in kinds if kind.input in visited]
     moving = [of for of in (*TIMES, *SIZES) if of in visited and _differs(visited[of])]
     begins = {data.setting.size.begin for data in records if data.setting.size is not None}
     moving = [of for of in moving if of != "campaign_time" or len(begins) > 1]  # else it is that of the records

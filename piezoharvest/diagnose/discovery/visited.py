@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.circuit_places import has_diodes, has_loop
+from piezoharvest.description.effects.nameless.circuit_places import has_dc_load, has_diodes, has_loop
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.shunts import SeriesSSHI
 from piezoharvest.identify.fitting.data import Data
@@ -45,7 +45,8 @@ def _channels(prediction: AnyPrediction, data: Data) -> list[str]:
     """Channels that a prediction has and a law may be a function of."""
     if isinstance(prediction, Prediction):
         return [name for name in prediction.matrices.channels if name != "acceleration"]
-    return [*NEEDED, *(name for name in data.channels if name.startswith("dc_"))]
+    of_load = ["dc_voltage"] if has_dc_load(data.setting.shunt) else []
+    return list(dict.fromkeys([*NEEDED, *of_load, *(name for name in data.channels if name.startswith("dc_"))]))
 
 
 def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.ndarray]:

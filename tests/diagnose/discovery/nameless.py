@@ -30,7 +30,7 @@ class Laws:
 
     `loop` is a voltage over the current of a switched loop, `line` (ohm; H or F) what stands in line with its coil: a
     resistance beside an inductance, or what `of_line` names. `diode` is the current of a path over its voltage above
-    the drops: where it is given, a path is no constant drop.
+    the drops: where it is given, a path is no constant drop. `dc_load` is a current over the voltage behind a bridge.
     """
 
     spring: object = nothing
@@ -43,6 +43,7 @@ class Laws:
     line: tuple = ()
     of_line: str = "inductance"
     diode: object = None
+    dc_load: object = nothing
     reading: dict = field(default_factory=dict)  # of the true channels, by channel
 
 

@@ -13,7 +13,7 @@ from piezoharvest.records import load_campaign
 
 RATE, DURATION = 4000.0, 0.25  # Hz, s
 DRIVES = (Drive((0.05,), (49.5,)), Drive((0.04,), (51.0,)), Drive((0.045,), (50.2,)))  # the last one for validation
-NOISE = {"displacement": 3e-7, "voltage": 0.02}
+NOISE = {"displacement": 3e-7, "voltage": 0.02, "dc_voltage": 0.01}
 UNITS = {"force": "N", "displacement": "m", "voltage": "V"}
 COIL = {"inductance": 0.5, "quality": 8.0}
 DC = {"smoothing_capacitance": 1e-6, "load_resistance": 3e5, "diode_drop": 0.4}
@@ -77,7 +77,7 @@ def slopes(t, y, specimen, laws, drive, circuit):
     lag, behind = in_line(laws, i, w)
     force = drive(t) - b * u - k * x - laws.spring(x) - laws.damper(u) + T * v
     flow, own, kind = -T * u - laws.electrodes(v), C + laws.capacitance(v), circuit.kind
-    drain = dc / circuit.label["load_resistance"] if "load_resistance" in circuit.label else 0.0
+    drain = load_current(circuit, laws, dc)
     store = circuit.value("smoothing_capacitance") or 1.0
     if kind == "rectifier" and circuit.side and laws.diode is not None:
         through = laws.diode(circuit.side * v - dc - 2.0 * circuit.value("diode_drop"))
@@ -95,6 +95,11 @@ def slopes(t, y, specimen, laws, drive, circuit):
         charging = circuit.side * i
     bend = across / circuit.label["inductance"] if across else 0.0
     return [u, force / m, (flow - i) / own, (charging - drain) / store, bend, lag]
+
+
+def load_current(circuit, laws, dc):
+    """Current that leaves a smoothing capacitor, A."""
+    return dc / circuit.label["load_resistance"] + laws.dc_load(dc) if "load_resistance" in circuit.label else 0.0
 
 
 def in_line(laws, i, w):
@@ -125,7 +130,7 @@ def events_of(circuit):
         if others[1].diode is not None:
             return -circuit.gap(y[2], y[3])
         rise = slopes(t, y, *others)[3]
-        return circuit.label["smoothing_capacitance"] * rise + y[3] / circuit.label["load_resistance"]
+        return circuit.label["smoothing_capacitance"] * rise + load_current(circuit, others[1], y[3])
 
     for event in (extremum, bridge):
         event.terminal, event.direction = True, -1.0
@@ -190,7 +195,9 @@ def switched(kind, laws: Laws, drive: Drive, specimen=BEAM, label=None, rate=RAT
     return {"time_s": times, "force": drive(times), "displacement": x, "voltage": v, "dc_voltage": dc}
 
 
-def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES, rate=RATE, labels=LABELS):
+def switched_campaign(
+    folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRIVES, rate=RATE, labels=LABELS, units=UNITS
+):  # fmt: skip
     """Campaign of `drives`, each record behind one of `kinds`; nominal values are off."""
     rng, folder = np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -200,8 +207,8 @@ def switched_campaign(folder, laws: Laws, kinds, *, seed=0, off=0.03, drives=DRI
         label = labels[kind].items()
         true = switched(kind, laws, drive, label=labels[kind], rate=rate)
         read = {name: true[name] + laws.reading[name](true) if name in laws.reading else true[name] for name in true}
-        noisy = [read[name] + NOISE.get(name, 0.0) * rng.standard_normal(len(read["time_s"])) for name in UNITS]
-        header = ",".join(["time_s", *(f"{name}_{unit}" for name, unit in UNITS.items())])
+        noisy = [read[name] + NOISE.get(name, 0.0) * rng.standard_normal(len(read["time_s"])) for name in units]
+        header = ",".join(["time_s", *(f"{name}_{unit}" for name, unit in units.items())])
         table = np.column_stack([read["time_s"], *noisy])
         np.savetxt(folder / f"r{n}.csv", table, delimiter=",", header=header, comments="", fmt="%.12g")
         text += ["[[records]]", f'file = "r{n}.csv"', f'role = "{"validate" if n == len(drives) - 1 else "fit"}"']

@@ -14,7 +14,7 @@ from piezoharvest import Transducer
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.law_files import save_laws
 from piezoharvest.description.effects import DiodeDropError, registered
-from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
+from piezoharvest.description.effects.nameless.circuit_places import DcLoad, Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import (
     Bends,
     Corners,
@@ -65,6 +65,7 @@ LAWS = [
     Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
     Law(place=LoadCurrent(), form=Line(factor=0.5), memory=Relaxation(time_constant=1e-3, behind=True)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
+    Law(place=DcLoad(reach=10.0), form=Knee(factor=1e-6, knee=4.0, sides=1)),
     Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
     Law(place=GainOverTime("displacement"), form=StepChange(factor=-0.3, at=0.6, width=0.01, finest=1e-4)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
@@ -77,7 +78,7 @@ LAWS = [
 
 
 CHANNELS = ("displacement", "voltage", "current")
-SSHI = ParallelSSHI(inductance=0.5, quality=8.0, dc_voltage=2.0, diode_drop=0.3)
+SSHI = ParallelSSHI(inductance=0.5, quality=8.0, smoothing_capacitance=1e-6, load_resistance=1e5)
 
 
 @pytest.fixture(autouse=True)

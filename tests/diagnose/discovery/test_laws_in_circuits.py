@@ -1,4 +1,4 @@
-"""Laws without a name of diodes and of switched loops, against records that SciPy made with events."""
+"""Laws without a name of diodes, switched loops and dc loads, against records that SciPy made with events."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from switched import COIL, DC, DURATION, RATE, switched, switched_campaign
 
 from piezoharvest import SineForce, System, Transducer, diagnose, simulate
 from piezoharvest.description.effects import DiodeDropError
-from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
+from piezoharvest.description.effects.nameless.circuit_places import DcLoad, Diode, SwitchLoop
 from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line, Power
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation, Resonance
@@ -31,11 +31,15 @@ from piezoharvest.predict.parameters import put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 DRIVE = Drive((0.05,), (49.5,))
-LABELS = {"diode": ("rectifier", Rectifier(**DC)), "switch_loop": ("ssdi", SSDI(**COIL))}
-PLACES = {"diode": Diode(reach=2e-4), "switch_loop": SwitchLoop(reach=1.2e-2)}
+LABELS = {
+    "diode": ("rectifier", Rectifier(**DC)), "switch_loop": ("ssdi", SSDI(**COIL)),
+    "load": ("rectifier", Rectifier(**DC)),
+}  # fmt: skip
+PLACES = {"diode": Diode(reach=2e-4), "switch_loop": SwitchLoop(reach=1.2e-2), "load": DcLoad(reach=16.0)}
 # A path of two diodes, the voltage of each of which grows as (i/i1)^0.4; a loop with what grows as i |i|^1.5.
 SIZE, AT = 0.06, 1e-4
 ROOT, BEND, LOOP_SIZE, LOOP_AT = 0.4, 2.5, 3.0, 1e-2
+CLAMP, CLAMP_AT = 5e-6, 3.0  # S above V: LEDs across a load that comes to 14 V without them
 
 
 def path_current(excess):
@@ -47,7 +51,13 @@ def loop_voltage(i):
     return LOOP_SIZE * np.sign(i) * (np.abs(i) / LOOP_AT) ** BEND
 
 
-HIDDEN = {"diode": Laws(diode=path_current), "switch_loop": Laws(loop=loop_voltage)}
+def clamp_current(dc):
+    return CLAMP * max(dc - CLAMP_AT, 0.0)
+
+
+HIDDEN = {
+    "diode": Laws(diode=path_current), "switch_loop": Laws(loop=loop_voltage), "load": Laws(dc_load=clamp_current)
+}  # fmt: skip
 # In line with the coil, whose sqrt(L C) is 141 us: 300 ohm beside 30 mH, or beside 1.33 uF.
 LINE_RESISTANCE, LINE_TIME = 300.0, {"inductance": 1e-4, "capacitance": 4e-4}
 IN_LINE = {
@@ -57,10 +67,12 @@ IN_LINE = {
 TRUE = {
     "diode": Power(factor=SIZE, exponent=ROOT, scale=AT, odd=False),
     "switch_loop": Power(factor=LOOP_SIZE, exponent=BEND, scale=LOOP_AT, odd=False),
+    "load": Knee(factor=CLAMP, knee=CLAMP_AT, sides=1),
 }
 
 
-def prediction(name, *laws, parameters=(), count=300):
+def prediction(name, *laws, parameters=()):
+    count = 500 if name == "load" else 300  # until its capacitor is charged
     device = Transducer(**BEAM, effects=laws)
     setting = circuit_setting("force", LABELS[name][1], 1.0 / RATE, DRIVE(np.arange(count) / RATE), device)
     return CircuitPrediction(device, setting, parameters)
@@ -117,6 +129,9 @@ FORMS = {
         ("switch_loop", TRUE["switch_loop"]),
         ("switch_loop", Corners(knots=(0.0, 1e-3), kinks=(50.0, 100.0))),
         ("switch_loop", Knee(factor=-50.0, knee=1e-3, sides=1)),
+        ("load", TRUE["load"]),
+        ("load", Corners(knots=(0.0, 1.5, 3.0), kinks=(1e-6, 2e-6, -1e-6))),
+        ("load", Power(factor=2e-6, exponent=3.0, scale=3.0, odd=False)),
     ],
 )
 def test_derivatives_are_those_of_differences(name, form):
@@ -153,7 +168,7 @@ def test_a_law_that_is_zero_changes_nothing_and_a_small_one_next_to_nothing(name
     """A diode gets what drops a millivolt at its largest current, without which there is no derivative."""
     absent = Law(place=PLACES[name], form=Corners(knots=(0.0, 1e-5), kinks=(0.0, 0.0)))
     assert absent.connect(LABELS[name][1]) is LABELS[name][1]
-    small = Law(place=PLACES[name], form=Corners(knots=(0.0, 1e-5), kinks=(1e-6, 0.0)))
+    small = Law(place=PLACES[name], form=Corners(knots=(0.0, 1e-5), kinks=(1e-12 if name == "load" else 1e-6, 0.0)))
     difference = np.abs(values(prediction(name, small)) - values(prediction(name)))
     assert np.all(difference.max(axis=0) <= [2e-8, 2e-3])
 

@@ -13,6 +13,7 @@ from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Load, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
 from piezoharvest.diagnose.discovery.memories.scores import memories_at
 from piezoharvest.diagnose.discovery.search import promising
@@ -74,7 +75,7 @@ def laws_with_play():
     ],
 )
 def test_corners_of_a_diode_are_where_its_curve_bends(form):
-    curve, x = Diode(reach=1e-3).curve(form, 0.0), np.linspace(0.0, 1e-3, 20001)
+    curve, x = VoltageCurve.stepped(*Diode(reach=1e-3).points(form)), np.linspace(0.0, 1e-3, 20001)
     line = np.interp(x, np.array(curve.currents), np.array(curve.voltages))
     np.testing.assert_allclose(line, form.values(x), rtol=0, atol=0.006 * form.values(x).max())
 

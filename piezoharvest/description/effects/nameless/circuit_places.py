@@ -1,4 +1,4 @@
-"""Places in the circuits behind the electrodes, at which a law is a voltage over the current of a part."""
+"""Places in the circuits behind the electrodes: a voltage over the current of a part, or a current of the dc load."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.shunts.real_coil import WoundSwitch
@@ -40,7 +41,7 @@ S = TypeVar("S", bound=Shunt)
 class CircuitPlace(Place):
     """A part of the circuits: a law is a further voltage (V) across it, over the size of its current (A).
 
-    The circuit accounts for its energy.
+    Of the load behind a bridge it is a current over a voltage. The circuit accounts for its energy.
     """
 
     unit: ClassVar[str] = "V"
@@ -63,16 +64,16 @@ class CircuitPlace(Place):
     def losses(self, terms: EnergyRows, form: Form, memory: Memory | None) -> Sequence[Product]:
         return ()
 
-    def curve(self, form: Form, least: float) -> VoltageCurve:
-        """Voltage over the current, with `least` (ohm) in series, below which the resistance of no piece is."""
-        currents = _corners(form, self.reach)
+    def points(self, form: Form, least: float = 0.0) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Corners and values of a broken line from zero on; no piece rises less than `least`, which is added to all."""
+        corners = _corners(form, self.reach)
         numbers: Any = Numbers()
-        values = form.values(currents) if isinstance(form, Curve) else form.row(numbers, currents)
-        steps = np.diff(currents, axis=-1)
+        values = form.values(corners) if isinstance(form, Curve) else form.row(numbers, corners)
+        steps = np.diff(corners, axis=-1)
         slopes = np.diff(values, axis=-1) / steps + least
         slopes = np.where(np.real(slopes) >= least, slopes, least) if least > 0 else slopes
-        voltages = np.cumsum(np.concatenate([0.0 * slopes[..., :1], slopes * steps], axis=-1), axis=-1)
-        return VoltageCurve.stepped(tuple(numbers_of(currents)), tuple(numbers_of(voltages)))
+        values = np.cumsum(np.concatenate([0.0 * slopes[..., :1], slopes * steps], axis=-1), axis=-1)
+        return tuple(numbers_of(corners)), tuple(numbers_of(values))
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Diode(CircuitPlace):
     def connect(self, shunt: Shunt, form: Form, memory: Memory | None) -> Shunt:
         if not has_diodes(shunt):
             return shunt
-        found = self.curve(form, LEAST_DROP / self.reach)
+        found = VoltageCurve.stepped(*self.points(form, LEAST_DROP / self.reach))
         return _with(shunt, diode_curve=found if shunt.diode_curve is None else shunt.diode_curve.plus(found))
 
 
@@ -117,8 +118,30 @@ class SwitchLoop(CircuitPlace):
             beside = "inductance" if memory.behind else "capacitance"
             more = LoopSections.stepped(resistance, memory.time_constant, beside)
             return _with(shunt, loop_sections=more if shunt.loop_sections is None else shunt.loop_sections.plus(more))
-        found = self.curve(form, 0.0)
+        found = VoltageCurve.stepped(*self.points(form))
         return _with(shunt, switch_curve=found if shunt.switch_curve is None else shunt.switch_curve.plus(found))
+
+
+@dataclass(frozen=True)
+class DcLoad(CircuitPlace):
+    """The load behind a bridge: current (A) beside that through its resistance, over its voltage."""
+
+    name: ClassVar[str] = "load"
+    input: ClassVar[str] = "dc_voltage"
+    unit: ClassVar[str] = "A"
+
+    reach: float = quantity("V", "largest voltage, up to which a smooth law is a broken line", above=0)
+
+    def connect(self, shunt: Shunt, form: Form, memory: Memory | None) -> Shunt:
+        if not has_dc_load(shunt):
+            return shunt
+        found = LoadCurve.stepped(*self.points(form))
+        return _with(shunt, load_curve=found if shunt.load_curve is None else shunt.load_curve.plus(found))
+
+
+def has_dc_load(shunt: Shunt | None) -> TypeGuard[Bridge]:
+    """True for a circuit whose load behind a bridge may have a curve."""
+    return isinstance(shunt, Bridge) and shunt.load_resistance is not None and shunt.storage is None
 
 
 def has_diodes(shunt: Shunt | None) -> TypeGuard[Bridge]:
@@ -131,7 +154,7 @@ def has_loop(shunt: Shunt | None) -> TypeGuard[WoundSwitch]:
     return isinstance(shunt, WoundSwitch) and shunt.core_resistance is None and shunt.self_resonance is None
 
 
-def _with(shunt: S, **values: VoltageCurve | LoopSections) -> S:
+def _with(shunt: S, **values: VoltageCurve | LoadCurve | LoopSections) -> S:
     """A circuit with curves or sections, whose numbers may have complex steps and are not checked."""
     found = copy.copy(shunt)
     found.__dict__.update(values)
@@ -139,7 +162,7 @@ def _with(shunt: S, **values: VoltageCurve | LoopSections) -> S:
 
 
 def _corners(form: Form, reach: float) -> np.ndarray:
-    """Currents between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
+    """Inputs between which a form is straight, from 0 on, with one more beyond the last; a batch where they are."""
     turns = form.turns
     corners: list[Any] = numbers_of(_where_it_bends(form, reach)) if turns is None else [0.0, *turns]
     parts = [np.atleast_1d(each) for each in (*corners, corners[-1] + reach)]
@@ -148,7 +171,7 @@ def _corners(form: Form, reach: float) -> np.ndarray:
 
 
 def _where_it_bends(form: Form, reach: float) -> np.ndarray:
-    """Currents of corners with which a smooth curve is off by as much in each piece, from 0 to the largest one.
+    """Inputs of corners with which a smooth curve is off by as much in each piece, from 0 to the largest one.
 
     A chord is off by f'' h^2/8 at most, so that corners are as dense as the root of the second derivative (de Boor, A
     Practical Guide to Splines, 2001, chapter III). They move with complex steps of the curve's values.

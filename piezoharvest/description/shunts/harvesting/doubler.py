@@ -66,7 +66,12 @@ class Doubler(Rectifier):
         inside = 0.5 * (self.dc_side(port, z) + sign * self._difference(port, z))
         if not np.any(self.smoothing_resistance):
             return inside
-        return inside - self.smoothing_resistance * self._all_conductance * self.divided(z.dc)
+        return inside - self.smoothing_resistance * self._load_current(port, z)
+
+    def _load_current(self, port: Port, z: SimpleNamespace) -> Row:
+        """What leaves the dc side while the capacitors alone feed it."""
+        across = self.divided(z.dc - self.dc_resistance * self._drawn * port.one)
+        return self._all_conductance * across + self._drawn * port.one
 
     def resistance(self, sign: int) -> Any:
         if not np.any(self.smoothing_resistance):

@@ -16,9 +16,9 @@ GAP = 10.0  # times the median distance of two samples: more is between two reco
 SAMPLES = 400  # inputs at which formula and table are compared
 
 
-def drop_path(transducer: Transducer) -> Path:
-    """Path of the free drop of diodes; empty where their label is trusted."""
-    effects = transducer.effects
+def drop_path(transducer: Transducer, place: Place) -> Path:
+    """Path of the free drop of diodes, beside a voltage; empty where their label is trusted, and beside a current."""
+    effects = transducer.effects if place.unit == "V" else ()
     return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
 
 
@@ -61,7 +61,7 @@ class Distance:
         self.x = spread_inputs(table)
         # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
         # beside it; elsewhere a constant goes with offsets.
-        self.with_constant = not table.place.in_circuit or bool(drop_path(table.found.model.transducer))
+        self.with_constant = not table.place.in_circuit or bool(drop_path(table.found.model.transducer, table.place))
         # A gain of a sensor is all but a change of parameters, which a table has taken in any share.
         line = table.law.bent or of_itself(table.place)
         self.basis = np.column_stack(

@@ -45,7 +45,8 @@ def families(table: LawFit, distance: Distance) -> Iterator[Family | tuple[Famil
     place, bent = table.place, table.law.bent
     low, high = float(table.visited.min()), float(table.visited.max())
     size = max(abs(low), abs(high))
-    sides = [side for side in (1, -1) if side * (high if side > 0 else low) > 0.0]
+    # What parts of a circuit pass has one sign, but for what is left at the beginning of a record.
+    sides = [1] if place.in_circuit else [side for side in (1, -1) if side * (high if side > 0 else low) > 0.0]
     if not bent:
         begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
         yield Family(Line(factor=0.0, start=begin))

@@ -101,7 +101,7 @@ def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
     """
     bare, distance, place = without_law(problem, table), Distance(table), table.place
     transducer = bare.model.transducer
-    path = drop_path(transducer) if place.in_circuit else (OWN.get(place.name, ""),)
+    path = drop_path(transducer, place) if place.in_circuit else (OWN.get(place.name, ""),)
     if path not in {p.path for p in bare.model.parameters} or table.law.memory is not None:
         return bare, form
     value = value_at(transducer, path) - (distance.constant(form) if place.in_circuit else distance.line(form))

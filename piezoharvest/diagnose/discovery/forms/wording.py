@@ -25,6 +25,7 @@ SYMBOLS = {
     "force": "F", "displacement": "x", "velocity": "x'", "displacement_rate": "x'", "voltage": "v", "current": "i",
     "base_acceleration": "a", "force_rate": "F'", "base_acceleration_rate": "a'", "time": "t", "amplitude": "A",
     "frequency": "f", "displacement_amplitude": "X", "campaign_time": "t", "diode_current": "i", "loop_current": "|i|",
+    "dc_voltage": "v_dc",
 }  # fmt: skip
 PURE = ("exponent", "excess", "damping_ratio")  # values without a unit
 ADDED = ("factor", "second")  # values in the unit of what a law adds
