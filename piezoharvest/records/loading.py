@@ -131,8 +131,8 @@ def load_campaign(path: str | Path) -> Campaign:
     - `[channels]`: `time` (column and unit) beside the measured channels; `column` as a number counted from 1, as an
       index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` if a channel is
       in a separate file. `sigma`, like `gain` and `offset`, is in the channel's unit.
-      Without `unit` and `gain` the values are in the unit that the file states for the column, in brackets, in a row
-      of units or at the end of the name, or else in the SI unit. A file that states another unit than the campaign is
+      Without `unit` and `gain` that is the unit that the file states for the column, in brackets, in a row of units or
+      at the end of the name, or else the SI unit. A file that states another unit than the campaign is
       an error; `gain` overrules the file.
     - `[records.channels]`: the same for one record.
     - `rows = [first, last]`: the part of a file that is the record, in rows as findings count them (lines of a text

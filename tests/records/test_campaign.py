@@ -93,6 +93,17 @@ class TestAccepted:
         assert record.signals["voltage"].sigma == pytest.approx(1e-3)
         assert record.signals["force"].sigma is None
 
+    def test_offset_and_sigma_are_in_the_unit_that_the_file_states(self, tmp_path, columns):
+        """Beside `Displacement [um]`, sigma = 0.012 was 12 mm: whatever was left of the fit was noise."""
+        displacement = 1e6 * columns.pop("displacement_m") + 3
+        raw = {**columns, "Displacement [um]": displacement}
+        text = '[channels]\ndisplacement = { column = "Displacement [um]", offset = -3, sigma = 0.012 }\n'
+        campaign = load(tmp_path, TRANSDUCER + text + RECORD, run_csv=raw)
+        (record,) = campaign.records
+        assert campaign.warnings == ()
+        np.testing.assert_allclose(record["displacement"], 1e-6 * (raw["Displacement [um]"] - 3), rtol=1e-12)
+        assert record.signals["displacement"].sigma == pytest.approx(1.2e-8)
+
     def test_columns_are_averaged(self, tmp_path, columns):
         x = columns.pop("displacement_m")
         tilt = 1e-6 * np.sin(np.arange(len(x)))
@@ -391,6 +402,7 @@ REVERSED = [
     ("voltage (mV)", 'unit = "mV"', 'unit = "mV", gain = -1'),
     ("voltage_V", "gain = 0.001", 'unit = "V", gain = -0.001'),
     ("voltage_V", 'unit = "mV", gain = 0.5, offset = 20.0', 'unit = "mV", gain = -0.5, offset = -20'),
+    ("voltage (mV)", "offset = 20.0, sigma = 5.0", 'unit = "V", gain = -0.001, offset = -0.02, sigma = 0.005'),
 ]
 
 
@@ -723,14 +735,14 @@ class TestInstruments:
         [channels]
         time = { column = "Time" }
         force = { column = "F" }
-        displacement = { column = "x (µm)", sigma = 1.2e-8, offset = 1e-6 }
+        displacement = { column = "x (µm)", sigma = 0.012, offset = 1.0 }
         voltage = { column = "voltage_mV" }
         """
         (record,) = load(tmp_path, TRANSDUCER + text + RECORD, run_csv=raw).records
         for channel, shift in (("time", 0.0), ("force", 0.0), ("displacement", 1e-6), ("voltage", 0.0)):
             scale = np.max(np.abs(columns[NAMES[channel]]))
             np.testing.assert_allclose(record[channel], columns[NAMES[channel]] + shift, rtol=1e-9, atol=1e-9 * scale)
-        assert record.signals["displacement"].sigma == 1.2e-8
+        assert record.signals["displacement"].sigma == pytest.approx(1.2e-8)
 
     @pytest.mark.parametrize(
         ("name", "source", "factor"),

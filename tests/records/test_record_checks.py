@@ -596,6 +596,8 @@ def test_noise_that_is_stated_in_another_unit(excitation):
 
     assert check(stated(1.0), device) == check(of, device) == ()
     assert only(stated(1e-3), device, "sigma", "voltage", "warning").message.startswith("found noise")
+    message = only(stated(2e3), device, "sigma", "voltage", "warning").message
+    assert message.startswith("found a sigma 4 times the standard deviation of all samples")
 
 
 @pytest.mark.parametrize("seed", range(3))

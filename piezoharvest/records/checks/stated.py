@@ -13,19 +13,26 @@ from piezoharvest.records.record import Record
 
 _MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a normal variable, in its standard deviations
 _MAX_RATIO = 30.0  # times: noise stated in a wrong unit is off by far more
+# Times the standard deviation of all samples: that of 100 samples of noise alone is off by a tenth at most, slow noise
+# by more.
+_MAX_SHARE = 3.0
+_MEANT = (
+    "but sigma must be the standard deviation of the noise in the channel's unit (that of the file where the campaign "
+    "states none)"
+)
 
 
 def stated_noise(record: Record) -> Iterator[Finding]:
-    """Check for channels far noisier than stated: a fit would have to follow their noise."""
+    """Check for channels far noisier than stated, whose noise a fit would follow, or with less than that in all."""
     for channel, signal in record.signals.items():
         if signal.sigma is None or len(signal.values) < 100:
             continue
-        times = _floor(signal.values) / signal.sigma
+        times, moves = _floor(signal.values) / signal.sigma, float(np.std(signal.values))
         if times > _MAX_RATIO:
-            message = (
-                f"found noise {times:.2g} times the sigma in the campaign, but sigma must be the standard deviation in "
-                "the channel's unit"
-            )
+            message = f"found noise {times:.2g} times the sigma in the campaign, {_MEANT}"
+            yield Finding("warning", "sigma", signal.file, channel, (), message)
+        elif 0.0 < _MAX_SHARE * moves < signal.sigma:
+            message = f"found a sigma {signal.sigma / moves:.2g} times the standard deviation of all samples, {_MEANT}"
             yield Finding("warning", "sigma", signal.file, channel, (), message)
 
 

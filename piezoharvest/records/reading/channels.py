@@ -46,10 +46,10 @@ class ChannelSource(Component):
     unit : str
         Unit of the values, as pint reads it; default the SI unit.
     gain, offset : float
-        In `unit` per raw unit (default 1), and in `unit`. Without a unit and a gain, the raw
-        values are in the unit that the file states, if any. A gain overrules the file.
+        In `unit` per raw unit (default 1), and in `unit`. Without a unit and a gain, values and offset are in the unit
+        that the file states, if any. A gain overrules the file.
     sigma : float, optional
-        Known standard deviation of the noise, in `unit`.
+        Known standard deviation of the noise, in the unit of the offset.
     file : str, optional
         File with the column, if it is not the record's file.
     """
@@ -101,10 +101,10 @@ class ChannelSource(Component):
         """
         if levels and (self.unit.startswith("dB") or (not self.unit and stated is not None and stated.of == si)):
             return self._of_levels(raw, si, stated)
-        factor = unit_factor(self.unit or si, si)
-        scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
         if self.gain is None and stated is not None:
-            scale *= self._stated_factor(stated, si) / factor
+            self._check_stated(stated, si)
+        factor = self.factor(si, stated)
+        scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
         if self.gain == -1 and not self.unit and stated is not None and stated.si == si and stated.factor != 1:
             # Meant to turn a sign, it would change the unit as well.
             found = f"found the unit {stated.text!r} in the file, which a gain overrules, and gain = -1 without a unit"
@@ -129,34 +129,30 @@ class ChannelSource(Component):
             zero = stated.factor
         return zero * 10.0 ** ((gain * raw + self.offset) / 20.0)
 
-    def _stated_factor(self, stated: Unit, si: str) -> float:
-        """Factor from raw values to the SI unit, by the units that the campaign and the file state."""
+    def _check_stated(self, stated: Unit, si: str) -> None:
+        """Raise an error unless the units that the campaign and the file state are the same."""
         factor, same = unit_factor(self.unit or si, si), stated.si == si
         if not self.unit and same:
-            return stated.factor
+            return
         if stated.si == "dB" and not stated.of and not self.unit:
             raise ParameterError("unit", f'found levels in dB in the file: unit = "dB re {si}" defines 0 dB')
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
             raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {_SAME}")
-        return factor
 
     def reverse(self, si: str, stated: Unit | None) -> str:
         """Keys that give the values the other sign, as text: a gain overrules the unit of the file, and includes it."""
-        factor = 1.0 if stated is None or self.unit else stated.factor
-        gain = -factor if self.gain is None else -self.gain
-        offset = f", offset = {-self.offset:.10g}" if self.offset else ""
-        return f'unit = "{self.unit or si}", gain = {gain:.10g}{offset}'
+        factor = self.factor(si, stated) / unit_factor(self.unit or si, si)
+        gain = -factor * (1.0 if self.gain is None else self.gain)
+        offset = f", offset = {-factor * self.offset:.10g}" if self.offset else ""
+        sigma = f", sigma = {factor * self.sigma:.10g}" if self.sigma and factor != 1.0 else ""
+        return f'unit = "{self.unit or si}", gain = {gain:.10g}{offset}{sigma}'
 
     def factor(self, si: str, stated: Unit | None) -> float:
         """SI value of one of the unit in which the values are taken to be: the channel's own, or that of the file."""
-        if self.unit or stated is None or self.gain is not None:
+        if self.unit or stated is None or stated.si != si or self.gain is not None:
             return unit_factor(self.unit or si, si)
         return stated.factor
-
-    def sigma_si(self, si: str) -> float | None:
-        """Known standard deviation of the noise in the SI unit of the channel."""
-        return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
 
 
 def check_unit(unit: str, si: str, levels: bool = False) -> None:

@@ -164,7 +164,7 @@ class TimeRecordReader:
             return Signal(values, None, name, ", ".join(columns), self.files.reader(name).numbering)
         stated = self.files.unit(name, columns, UNITS[channel])
         reverse, factor = source.reverse(UNITS[channel], stated), source.factor(UNITS[channel], stated)
-        sigma = source.sigma_si(UNITS[channel])
+        sigma = None if source.sigma is None else source.sigma * factor
         return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse, factor)
 
     def _source(self, channel: str) -> ChannelSource:
