@@ -171,7 +171,7 @@ class CandidateMaker:
         view, region = self._view(draft), self._region(draft)
         found = joint_starts(view, draft, self.host)
         if lists_of(type(draft.shunt)):  # a branch for each mode: with so many parts one tuning takes seconds
-            found = [min(found, key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))))]
+            found = [min(found, key=lambda start: view.merit(draft.with_values(start.values)))]
         best = _best(tune(view, draft, start, region) for start in found)
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.

@@ -74,6 +74,11 @@ class Goal:
         return self.options.objective == "damping"
 
     @property
+    def counts_power(self) -> bool:
+        """True if the merit depends on harvested power: it is the objective, or has a limit."""
+        return not self.damping or self.options.min_power is not None
+
+    @property
     def limits_levels(self) -> bool:
         """True if displacement or voltage has a limit."""
         o = self.options

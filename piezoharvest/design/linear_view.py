@@ -92,14 +92,21 @@ class LinearView:
             self._last["last"] = shunt, model  # at once: threads may share a view
         return model
 
-    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
-        """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time."""
+    def levels(self, shunt: Shunt, grid: np.ndarray, *, power: bool = True) -> Levels:
+        """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time.
+
+        A mean power over a band takes hundreds of frequencies, its levels a few: without `power` it is not a number.
+        """
         op = self.operation
+        if op.apart and not power:
+            found = self.response(shunt, grid)
+            unknown = np.full(found.displacement.shape[:-1], np.nan)
+            return Levels(unknown, *(op.amplitude * np.abs(x) for x in (found.displacement, found.voltage)))
         if op.apart:
             nodes = len(op.frequencies)
             found = self.response(shunt, np.concatenate((op.frequencies, grid)))
-            power = found.harvested_power[..., :nodes] @ op.squares
-            return Levels(power, *(op.amplitude * np.abs(x[..., nodes:]) for x in (found.displacement, found.voltage)))
+            mean = found.harvested_power[..., :nodes] @ op.squares
+            return Levels(mean, *(op.amplitude * np.abs(x[..., nodes:]) for x in (found.displacement, found.voltage)))
         found = self.response(shunt, op.frequencies)
         both = (np.sqrt(np.abs(x) ** 2 @ op.squares)[..., None] for x in (found.displacement, found.voltage))
         return Levels(found.harvested_power @ op.squares, *both)
@@ -151,15 +158,19 @@ class LinearView:
         try:
             with np.errstate(all="ignore"):
                 grid = self.peaks(self.short, lambda r: r.displacement)
-                found = float(np.max(self.levels(self.short, grid).displacement))
+                found = float(np.max(self.levels(self.short, grid, power=False).displacement))
         except np.linalg.LinAlgError:
             return float("inf")
         return found if np.isfinite(found) else float("inf")
 
-    def figures(self, shunt: Shunt) -> DesignFigures:
+    def merit(self, shunt: Shunt) -> float:
+        """Merit of the figures."""
+        return self.goal.merit(self.figures(shunt, power=self.goal.counts_power))
+
+    def figures(self, shunt: Shunt, *, power: bool = True) -> DesignFigures:
         """Figures by the linear two-port, with exact peaks."""
-        power, displacement, voltage = self.levels(shunt, self.grid(shunt))
-        return self._figures(power, np.max(displacement), np.max(voltage))
+        levels = self.levels(shunt, self.grid(shunt), power=power)
+        return self._figures(levels.power, np.max(levels.displacement), np.max(levels.voltage))
 
     def _figures(self, power: Any, displacement: Any, voltage: Any) -> DesignFigures:
         with np.errstate(divide="ignore"):

@@ -175,3 +175,24 @@ def test_lengths_of_lists():
             blocking_inductances=(1.0,),
             blocking_capacitances=(1.0, 1.0),
         )
+
+
+@pytest.mark.parametrize("limits", [{}, {"min_power": 1e-9}])
+def test_a_power_that_does_not_count_is_not_computed_while_tuning(host, monkeypatch, limits):
+    """The mean over a band takes hundreds of frequencies for each design, and its peaks take a few.
+
+    Three branches on two patches were tuned for longer than ten minutes; nearly all of that was this mean.
+    """
+    two = host(0.025, 150, modes=(SECOND,))
+    view = view_of(two, band=(35.0, 180.0), **limits)
+    nodes, sizes, response = len(view.operation.frequencies), [], LinearView.response
+
+    def recorded(self, shunt, frequencies):
+        sizes.append(len(frequencies))
+        return response(self, shunt, frequencies)
+
+    monkeypatch.setattr(LinearView, "response", recorded)
+    draft = draft_of(SeriesRL, inductance=250.0, resistance=2e4)
+    found = tuned(view, draft, "pole placement")
+    assert (sum(size >= nodes for size in sizes) > 10) == bool(limits)
+    assert found.merit == view.goal.merit(view.figures(found.shunt))

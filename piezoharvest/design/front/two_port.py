@@ -72,7 +72,7 @@ class TwoPortFront:
         view = self._view(self.best, "damping")
 
         def merit(start: Start) -> float:
-            return view.goal.merit(view.figures(self.draft.with_values(self.region.values(self._logs(start)))))
+            return view.merit(self.draft.with_values(self.region.values(self._logs(start))))
 
         tried = sorted(joint_starts(view, self.draft, self.host), key=merit)[:_CLOSED_FORMS]
         tried.append(Start("the best for harvest", self.draft.values_of(self.best)))

@@ -51,24 +51,24 @@ class ScenarioView:
         """Reference displacement of attenuations, m."""
         return self.space.nominal.shorted
 
-    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
+    def levels(self, shunt: Shunt, grid: np.ndarray, *, power: bool) -> Levels:
         """Levels at all points side by side: power (..., s), displacement and voltage (..., s g)."""
         band, found = self.operation.band, []
         for view, p in zip(self.views, self.points, strict=True):
             at = grid if band is not None else view.operation.frequencies if view.operation.apart else grid
-            found.append(view.levels(self.space.shunt_at(p, shunt), at))
-        power = np.stack([x.power for x in found], axis=-1)
-        return Levels(power, *(np.concatenate(x, axis=-1) for x in list(zip(*found, strict=True))[1:]))
+            found.append(view.levels(self.space.shunt_at(p, shunt), at, power=power))
+        powers = np.stack([x.power for x in found], axis=-1)
+        return Levels(powers, *(np.concatenate(x, axis=-1) for x in list(zip(*found, strict=True))[1:]))
 
     def grid(self, shunt: Shunt) -> np.ndarray:
         """Frequencies in Hz of the peaks at any of the points."""
         found = [v.grid(self.space.shunt_at(p, shunt)) for v, p in zip(self.views, self.points, strict=True)]
         return np.unique(np.concatenate(found))
 
-    def figures(self, shunt: Shunt) -> DesignFigures:
-        """The worst of the figures at all points."""
-        each = zip(self.views, self.points, strict=True)
-        return worst_of(view.figures(self.space.shunt_at(p, shunt)) for view, p in each)
+    def merit(self, shunt: Shunt) -> float:
+        """Merit of the worst of the figures at all points."""
+        each, power = zip(self.views, self.points, strict=True), self.goal.counts_power
+        return self.goal.merit(worst_of(v.figures(self.space.shunt_at(p, shunt), power=power) for v, p in each))
 
 
 @dataclass

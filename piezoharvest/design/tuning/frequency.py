@@ -115,12 +115,12 @@ class FrequencySearch:
         """Merit of a linear draft tuned on the two-port for one frequency, and the logarithms of its parts."""
         view = self.view_at(self._frequency(position))
         if not draft.free:
-            return view.goal.merit(view.figures(draft.shunt)), np.empty(0)
+            return view.merit(draft.shunt), np.empty(0)
         host = Host.of(view)
         region = Region.of(draft, host, view.goal.options.max_inductance)
         first = min(
             joint_starts(view, draft, host),
-            key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))),
+            key=lambda start: view.merit(draft.with_values(start.values)),
         )
         tuned = tune(view, draft, first, region)
         return tuned.merit, region.logs(draft.values_of(tuned.shunt))

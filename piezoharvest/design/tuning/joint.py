@@ -56,7 +56,7 @@ def _exchanged(view: LinearView, draft: Draft, branches: list[list[Start]], chos
 
     def merit(n: int, option: Start) -> float:
         trial = [*chosen[:n], option, *chosen[n + 1 :]]
-        return view.goal.merit(view.figures(draft.with_values(together(trial))))
+        return view.merit(draft.with_values(together(trial)))
 
     for _ in range(_SWEEPS):
         before = list(chosen)

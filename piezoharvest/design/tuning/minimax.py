@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import MARGIN, PENALTY, DesignFigures, Goal
+from piezoharvest.design.goal import MARGIN, PENALTY, Goal
 from piezoharvest.design.linear_view import Levels
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.tuning.region import Region
@@ -47,7 +47,7 @@ class MinimaxView(Protocol):
         """Displacement with shorted electrodes, m."""
         ...
 
-    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
+    def levels(self, shunt: Shunt, grid: np.ndarray, *, power: bool) -> Levels:
         """Levels of a shunt, or a batch, on a grid in Hz; power has an axis more for several scenarios."""
         ...
 
@@ -55,8 +55,8 @@ class MinimaxView(Protocol):
         """Frequencies in Hz at which levels are largest."""
         ...
 
-    def figures(self, shunt: Shunt) -> DesignFigures:
-        """Figures of a shunt."""
+    def merit(self, shunt: Shunt) -> float:
+        """Merit of a shunt, with exact peaks."""
         ...
 
 
@@ -107,7 +107,7 @@ class MinimaxProgram:
 
     def merit(self, p: np.ndarray) -> float:
         """Merit at p, with exact peaks."""
-        return self.view.goal.merit(self.view.figures(self.shunt(p)))
+        return self.view.merit(self.shunt(p))
 
     def widen(self, p: np.ndarray) -> bool:
         """Add the exact peaks at p to the set; True if one of them exceeded the level."""
@@ -121,7 +121,7 @@ class MinimaxProgram:
         return bool(np.any(self._heights(p, self.grid) > before + _PEAK_TOLERANCE))
 
     def _heights(self, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
-        levels = self.view.levels(self.shunt(p), grid)
+        levels = self.view.levels(self.shunt(p), grid, power=False)
         return np.log([np.max(levels.displacement), max(np.max(levels.voltage), 1e-300)])
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, int]:
@@ -147,7 +147,8 @@ class MinimaxProgram:
             n = len(p)
             batch = p + _STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n)))
             values = {name: np.exp(batch[:, k : k + 1]) for k, name in enumerate(self.draft.free)}
-            levels = self.view.levels(self.draft.with_values(values), self.grid)
+            shunts = self.draft.with_values(values)
+            levels = self.view.levels(shunts, self.grid, power=self.view.goal.counts_power)
             power = levels.power.reshape(len(batch), -1)
             logs = [np.log(np.maximum(x, 1e-300)) for x in (power, levels.displacement, levels.voltage)]
             slopes = [(x[1 : n + 1] - x[n + 1 :]).T / (2 * _STEP) for x in logs]

@@ -29,7 +29,7 @@ def settled_starts(view: LinearView, draft: Draft, host: Host) -> list[Start]:
     def merit(log: float) -> float:
         shunt = draft.with_values({name: scale * float(np.exp(log))}).settled(view.capacitance, omega)
         assert shunt is not None
-        return view.goal.merit(view.figures(shunt))
+        return view.merit(shunt)
 
     logs = np.log(_SHARES)
     n = int(np.argmin([merit(log) for log in logs]))
