@@ -8,6 +8,7 @@ import pytest
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.diagnose_command import _p_value
 from piezoharvest.cli.tables import _FIGURES, _without_zeros_of_failures
+from piezoharvest.diagnose import summary
 from piezoharvest.diagnose.summary import judged_error
 from piezoharvest.engine.simulation import _failed
 from piezoharvest.study import StudyError, load_study
@@ -93,3 +94,9 @@ def test_a_rate_of_one_event_is_said_to_be_one(tmp_path, capsys, seconds, told):
     path = study(tmp_path, store, **{"load_resistance = 1e6\n": "", "= 1e-6": "= 1e-5"})
     assert main(["simulate", str(path), "--transient", str(seconds)]) == 0
     assert ("the supply turns on once in 3 s, which the figures per hour" in capsys.readouterr().err) == told
+
+
+@pytest.mark.parametrize(("gain", "shown"), [(-1e-9, "0 %"), (0.5, "50 %"), (0.99996, "99.996 %"), (-0.02, "-2 %")])
+def test_a_share_that_rounds_to_nothing_has_no_sign(gain, shown):
+    """An effect that changed nothing had a gain of -0 %."""
+    assert summary._share(gain) == shown

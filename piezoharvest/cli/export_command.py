@@ -71,7 +71,7 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
     except NgspiceError as error:
         note(f"warning: {where}: not checked: {' '.join(str(error).split())}")
         return 1
-    rows = [(f.name, f"{f.engine:.6g}", f"{f.ngspice:.6g}", f"{100 * f.difference:+.3f} %", f.unit) for f in figures]
+    rows = [(f.name, f"{f.engine:.6g}", f"{f.ngspice:.6g}", f"{100 * f.difference:+z.3f} %", f.unit) for f in figures]
     tables.print_rows(f"{where}, here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
     if not trusted:
         note(f"warning: {where}: the result of this simulation is not to be trusted: see piezoharvest simulate")

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.response import Response
+
+
+def why_none(transducer: Transducer, excitation: Excitation) -> Iterator[str]:
+    """Remark on why no added damping is given, where none can be."""
+    what = "no added damping is given: it is a damping ratio of one mode"
+    if transducer.modes:
+        yield f"{what}, and what a shunt takes here is shared by {len(transducer.all_modes)} modes"
+    elif excitation.size is None:
+        yield f"{what} that a sine drives, and the excitation is {excitation.kind}"
 
 
 def added_damping(response: Response | None, transducer: Transducer, excitation: Excitation) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.design.bound import bound_in_band, bound_of, bound_of_several
+from piezoharvest.design.added_damping import why_none
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.electrodes import about_places, check_places, front_back, moved, moved_back
@@ -213,6 +214,8 @@ class _Design:
         """Result with the fronts, and with the distance of the ranked candidates from the bound."""
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
+        if self.goal.damping and all(candidate.added_damping is None for candidate in candidates):
+            self.notes += why_none(self.study.transducer, self.study.excitation)
         fronts = self._fronts() if self.options.objective == "trade_off" else ()
         bound = self._bound(candidates)
         gaps = [bound.gap(c.harvested_power, c.attenuation_db, damping=self.goal.damping) for c in candidates]

@@ -154,7 +154,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
         them = "it" if len(diagnosis.effects) == 1 else "them"
-        share = f"{100 * gain:.0f} % of {judged_error(diagnosis)}"
+        share = f"{100 * gain:z.0f} % of {judged_error(diagnosis)}"
         return f"The model lacked {names}: including {them} removes {share} above the noise."
     if diagnosis.discovery:
         return _verdict_of_laws(diagnosis)
@@ -183,7 +183,7 @@ def _found_on_the_way(diagnosis: Diagnosis, names: str) -> Iterator[str]:
 def _share(gain: float) -> str:
     """A share in whole per cent; with as many digits as distinguish it from all."""
     digits = next((digits for digits in range(5) if round(100.0 * gain, digits) < 100.0), 0)
-    return f"{100.0 * gain:.{digits}f} %"
+    return f"{100.0 * gain:z.{digits}f} %"
 
 
 def judged_error(diagnosis: Diagnosis) -> str:
@@ -195,7 +195,7 @@ def _verdict_of_laws(diagnosis: Diagnosis) -> str:
     laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
     gain = sum(law.gain for law in diagnosis.discovery)
     removed = (
-        f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:.0f} % of {judged_error(diagnosis)}"
+        f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:z.0f} % of {judged_error(diagnosis)}"
     )
     told = f"No known effect explains what was missing, but {laws}, {removed} above the noise."
     if diagnosis.verdict == "new_effect":

@@ -20,6 +20,7 @@ _MAX_QUOTED = 60  # characters of a file's text that a message quotes
 # Numbers that may be read for one campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit
 # takes up to ten times that (2 GiB have been measured for 6 million samples of four channels).
 MAX_NUMBERS = 1 << 27
+LOCKED = "cannot be read while another program has the file open for writing: close it there, or read a copy"
 
 
 class ReadError(ValueError):

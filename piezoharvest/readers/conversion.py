@@ -21,7 +21,8 @@ _MAX_UNIT_LENGTH = 64  # characters: twice the longest meaningful unit
 
 
 # A number in front of its unit: digits are not taken by the unit, so that there is one way to read each text.
-_QUANTITY = re.compile(r"\s*+([+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+)\s*+(\S.*+)")
+_NUMBER = r"\s*+([+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+)\s*+"
+_QUANTITY, _BARE = re.compile(rf"{_NUMBER}(\S.*+)"), re.compile(_NUMBER)
 # As people write them, and pint does not: kOhm, MOHM, khz.
 _OHM = re.compile(r"(?<![^\W\d_])([a-zA-Z\u00b5\u03bc]?)(?:O[hH][mM])[sS]?(?![^\W\d_])")
 _HERTZ = re.compile(r"(?<![^\W\d_])([kMG]?)(?:hz|HZ)(?![^\W\d_])")
@@ -53,10 +54,13 @@ def with_unit(text: str, si: str) -> float | None:
     Raises
     ------
     ParameterError
-        The unit is unknown or has another dimension; the error's key is "unit".
+        The unit is missing, unknown or has another dimension; the error's key is "unit".
     """
     if len(text) <= _MAX_UNIT_LENGTH and _DECIMAL_COMMA.fullmatch(text):
         raise ParameterError("unit", f"found {text!r}, must have a decimal point, not a comma")
+    if si and len(text) <= _MAX_UNIT_LENGTH and (bare := _BARE.fullmatch(text)):
+        example = f"{bare[1]} {si}"
+        raise ParameterError("unit", f"found {text!r} without its unit, must be a number, or text such as {example!r}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         return None

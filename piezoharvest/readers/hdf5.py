@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from piezoharvest.readers.arrays import ArrayReader
-from piezoharvest.readers.base import ReadError
+from piezoharvest.readers.base import LOCKED, ReadError
 
 
 class Hdf5(ArrayReader):
@@ -28,6 +28,8 @@ class Hdf5(ArrayReader):
         try:
             self._file = h5py.File(path, "r")
             self._file.visititems(visit)
+        except BlockingIOError:
+            raise ReadError(LOCKED) from None
         except (OSError, RuntimeError, KeyError) as error:
             raise ReadError(f"not a complete HDF5 file ({error})") from None
         self._found(arrays)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.readers.arrays import ArrayReader, Deferred
-from piezoharvest.readers.base import ReadError
+from piezoharvest.readers.base import LOCKED, ReadError
 from piezoharvest.readers.hdf5 import dtype_of, holds_numbers
 
 _NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
@@ -46,6 +46,8 @@ class Matlab(ArrayReader):
                 arrays |= self._recording(item) if _is_recording(item) else dict(_flat(name, item))
         except MemoryError:
             raise
+        except BlockingIOError:
+            raise ReadError(LOCKED) from None
         except Exception as error:  # libraries raise any exception on damaged files
             raise ReadError(f"not a complete MATLAB file ({error})") from None
         self._found(arrays)

@@ -213,7 +213,7 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
         if before.identifiable and after.std and found.extended:
             errors = number(shift / after.std, 2) if shift else "0"
         told = after.value and found.extended
-        change = f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if told else NONE
+        change = f"{100 * shift / after.value:+z.3f}\u202f%".replace("-", "\u2212") if told else NONE
         yield {
             "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
             "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,

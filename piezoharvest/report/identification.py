@@ -98,7 +98,7 @@ def _sentence(found: Identification) -> str:
 
 def _row(estimate: Estimate) -> dict[str, Any]:
     unit, std, value = estimate.parameter.unit, estimate.std, estimate.value
-    change = f"{100 * (value / estimate.nominal - 1):+.1f}\u202f%".replace("-", "\u2212") if estimate.nominal else NONE
+    change = f"{100 * (value / estimate.nominal - 1):+z.1f}\u202f%".replace("-", "\u2212") if estimate.nominal else NONE
     return {
         "name": estimate.parameter.name,
         "value": with_error(value, std, unit),

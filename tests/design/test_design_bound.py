@@ -251,5 +251,11 @@ class TestWhatIsSaid:
 
 def test_a_gap_that_rounds_to_the_promise_is_told_with_the_digits_that_show_it():
     """A plate's worst peak: reached 4.1417 um, certified 4.1006 um; "only within 1.0 %" reads as if it were kept."""
-    assert "comes within 1.001 % of it, not 1 %" in bounds._gap(4.100644e-6, 4.141689e-6)
+    assert "comes within 1.001 % of it, not 1 %" in bounds._gap(4.100644e-6, 4.059596e-6, "power")
+    assert "comes within 0.08651 dB of it, not 0.08643 dB" in bounds._gap(4.100644e-6, 4.141689e-6, "peak")
     assert bounds._agree(4.1e-6, 4.1e-6 * 1.0099) and not bounds._agree(4.100644e-6, 4.141689e-6)
+
+
+def test_a_gap_of_displacements_is_told_in_decibels_as_the_bound_is():
+    """Beside -29.7 dB it read "within 51.59 % of it"."""
+    assert "comes within 3.614 dB of it" in bounds._gap(1e-6, 1.516e-6, "peak")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from piezoharvest import design
 from piezoharvest.description.excitation import RandomForce, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import CurrentBlocking, CurrentFlowing, ParallelBranches, Resistor, SeriesRL, Short
@@ -18,7 +19,7 @@ from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host, starts
 from piezoharvest.linear import admittance, frequency_response
-from piezoharvest.study import DesignOptions
+from piezoharvest.study import DesignOptions, Study
 
 FORCE = 0.02
 SECOND = Mode(mass=0.01, stiffness=9 * 986.96, damping=0.06, coupling=2e-3)
@@ -196,3 +197,20 @@ def test_a_power_that_does_not_count_is_not_computed_while_tuning(host, monkeypa
     found = tuned(view, draft, "pole placement")
     assert (sum(size >= nodes for size in sizes) > 10) == bool(limits)
     assert found.merit == view.goal.merit(view.figures(found.shunt))
+
+
+@pytest.mark.parametrize(
+    ("modes", "excitation", "said"),
+    [
+        ((SECOND,), SineForce(amplitude=FORCE, frequency=50.0), "what a shunt takes here is shared by 2 modes"),
+        ((), RandomForce(psd=1e-6, band=(30.0, 80.0), duration=1.0, seed=1), "and the excitation is random_force"),
+        ((), SineForce(amplitude=FORCE, frequency=50.0), None),
+    ],
+)
+def test_it_is_said_why_no_added_damping_is_given(host, modes, excitation, said):
+    """The column was left out without a word."""
+    options = DesignOptions(objective="damping", candidates=("resistor",))
+    found = design(Study(transducer=host(0.025, 150, modes=modes), excitation=excitation, design=options))
+    notes = [note for note in found.notes if note.startswith("no added damping is given: ")]
+    assert (found.candidates[0].added_damping is None) == bool(said) == (len(notes) == 1)
+    assert said is None or said in notes[0]

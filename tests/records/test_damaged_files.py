@@ -196,3 +196,15 @@ def test_damage_of_any_kind(tmp_path, ending):
             assert is_sentence(error.message)
         else:
             assert values.dtype in (float, complex)
+
+
+@pytest.mark.parametrize("ending", [".h5", ".mat"])
+def test_a_file_that_is_being_written_is_not_called_incomplete(tmp_path, ending):
+    """A logger holds its file open and locked: it is whole once that has closed it."""
+    path = tmp_path / f"run{ending}"
+    with h5py.File(path, "w", locking=True) as writer:
+        writer["force"] = np.arange(8.0)
+        writer.flush()
+        message = failure(path, "force")
+        assert "while another program has the file open for writing" in message and "complete" not in message
+    assert np.array_equal(read(path, "force")[0], np.arange(8.0))

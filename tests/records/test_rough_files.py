@@ -164,3 +164,12 @@ def test_what_zero_decibels_are_of(text, of, size):
     assert unit is not None
     assert (unit.si, unit.of) == ("dB", of)
     assert unit.factor == pytest.approx(size, rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "si"), [("33", "ohm"), (" -1.5e-3 ", "N"), ("4.", "m/s^2")])
+def test_a_missing_unit_is_named(text, si):
+    """It read "found '33', must be a finite number greater than 0 ohm", which 33 is."""
+    with pytest.raises(ParameterError, match="without its unit, must be a number, or text such as") as caught:
+        with_unit(text, si)
+    assert f"found {text!r}" in caught.value.message and f"'{text.strip()} {si}'" in caught.value.message
+    assert with_unit(text, "") is None  # a pure number has none

@@ -76,7 +76,7 @@ def test_table(refused, table, message):
         (("transducer.coupling", 0.0, 1e-3, "log", 3), "from", "found 0 with scale = 'log', must be a number grea"),
         (("transducer.coupling", 1e-3, -1e-3, "log", 3), "to", "found -0.001 with scale = 'log'"),
         (("shunts.0.load_resistance", float("nan"), 1e6, "log", 3), "from", "found nan, must be a finite number"),
-        (("shunts.0.load_resistance", "1e4", 1e6, "log", 3), "from", "found '1e4', must be a finite number"),
+        (("shunts.0.load_resistance", "1e4", 1e6, "log", 3), "from", "found '1e4' without its unit, must be"),
         (("shunts.0.load_resistance", -1.0, 1e6, "linear", 3), "from", "found -1.0, must be a finite number great"),
         (("shunts.0.quality", 5.0, 0.5, "linear", 3), "to", "found 0.5, must be a finite number greater than 0.5"),
         (

@@ -59,20 +59,21 @@ def bound_of(view: LinearView) -> Bound:
     if obstacle:
         return Bound(linearised=linearised, notes=(f"no bound: {obstacle}",))
     found: dict[str, float | None] = {}
-    computed: list[tuple[float, float | None]] = []
+    computed: list[tuple[float, float | None, Kind]] = []
     if objective in ("harvest", "trade_off"):
         value, reached, acausal = _figures(port, "power")
-        computed.append((value, reached))
+        computed.append((value, reached, "power"))
         found |= {"harvested_power": value, "reached": reached, "frequency_wise": acausal}
         found["any_interface"] = _frequency_wise(ElectrodePort(_elastic(view)), "power")
     if objective in ("damping", "trade_off"):
-        value, reached, acausal = _figures(port, "peak" if op.apart else "mean_square")
-        computed.append((value, reached))
+        kind: Kind = "peak" if op.apart else "mean_square"
+        value, reached, acausal = _figures(port, kind)
+        computed.append((value, reached, kind))
         shorted = _shorted(view)
         found["attenuation_db"] = _decibels(value, shorted)
         if objective == "damping":
             found |= {"reached": _decibels(reached, shorted), "frequency_wise": _decibels(acausal, shorted)}
-    notes += [_gap(*values) for values in computed if values[0] > 0 and not _agree(*values)]
+    notes += [_gap(*values) for values in computed if values[0] > 0 and not _agree(*values[:2])]
     return Bound(**found, linearised=linearised, notes=tuple(notes))
 
 
@@ -158,13 +159,14 @@ def _agree(value: float, reached: float | None) -> bool:
     return reached is not None and abs(value - reached) <= _AGREEMENT * value
 
 
-def _gap(value: float, reached: float | None) -> str:
-    """Remark on a bound that is not shown to be reached within 1 %."""
+def _gap(value: float, reached: float | None, kind: Kind) -> str:
+    """Remark on a bound that is not shown to be reached within 1 %, in the unit in which the bound is told."""
     if reached is None:
         return "no shunt is shown to reach the bound: the convex program could not be solved"
-    gap = 100 * abs(value - reached) / value
-    promised = f"{100 * _AGREEMENT:g} %"
-    return f"the bound is certified, but the best network that is known comes within {gap:.4g} % of it, not {promised}"
+    gap, promised = f"{100 * abs(value - reached) / value:.4g} %", f"{100 * _AGREEMENT:g} %"
+    if kind != "power":  # displacements, which are told in decibels
+        gap, promised = (f"{20 * np.log10(ratio):.4g} dB" for ratio in (reached / value, 1 + _AGREEMENT))
+    return f"the bound is certified, but the best network that is known comes within {gap} of it, not {promised}"
 
 
 def _target(view: LinearView, kind: Kind) -> Target | None:

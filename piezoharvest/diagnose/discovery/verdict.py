@@ -189,7 +189,10 @@ def _confirmed(
         except PredictionError:
             return None
         own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
-        progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+        if own > 0:
+            progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+        else:
+            progress("records that were not fitted are not predicted better with it")
         if own >= least:
             return laws
         more = instead(problem, more)
