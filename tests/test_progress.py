@@ -1,12 +1,15 @@
 """Progress on stderr: on a terminal a bar with the time left, elsewhere nothing but remarks."""
 
 import io
+import logging
 import sys
 
+import numpy as np
 import pytest
 
+from piezoharvest import Campaign, DesignOptions, Resistor, SineForce, Study, Transducer, design, diagnose, identify
 from piezoharvest.cli.notes import _left, be_quiet, telling
-from piezoharvest.progress import Step
+from piezoharvest.progress import Iteration, Numbered, Step
 
 
 class Terminal(io.StringIO):
@@ -58,3 +61,38 @@ def test_the_time_left_is_that_of_equal_parts(done, total, now, at, left):
 def test_a_step_is_text():
     step = Step("record 1 of 2", 0, 2)
     assert step == "record 1 of 2" and (step.done, step.total) == (0, 2) and isinstance(step, str)
+
+
+def test_iterations_of_all_fits_of_a_job_are_counted_together():
+    """A second fit, with the noise known better, began with iteration 1 again."""
+    said = []
+    job = Numbered.of(said.append)
+    for tell in (job, Numbered.of(job)):
+        tell(Iteration("misfit 3"))
+        tell("a remark")
+    assert said == ["iteration 1: misfit 3", "a remark", "iteration 2: misfit 3", "a remark"]
+    assert [type(text) for text in said] == [Step, str, Step, str]
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """A quasi-static specimen that a slow sine of force drives."""
+    nominal = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+    t, rng = np.arange(400) / 1000, np.random.default_rng(1)
+    force = 0.02 * np.sin(2 * np.pi * 31.0 * t)
+    data = {"force_N": force, "displacement_m": force / 600.0 + 1e-9 * rng.standard_normal(400)}
+    return Campaign.from_arrays(nominal, [{"data": data, "sample_rate": 1000.0, "shunt": Resistor(resistance=1e5)}])
+
+
+@pytest.mark.parametrize("command", [identify, diagnose, design])
+def test_a_caller_who_does_not_ask_finds_the_progress_in_the_log(campaign, command, caplog):
+    """A diagnosis in Python said nothing for minutes, with nothing to be switched on."""
+    sine = SineForce(amplitude=0.02, frequency=50.0)
+    study = Study(transducer=campaign.transducer, excitation=sine, design=DesignOptions(candidates=("resistor",)))
+    work, said = study if command is design else campaign, []
+    options = {"library": ()} if command is diagnose else {}  # no effect is tried: the fit alone says enough
+    command(work, said.append, **options)
+    with caplog.at_level(logging.INFO, logger="piezoharvest"):
+        command(work, **options)
+    logged = [record.getMessage() for record in caplog.records if record.name == "piezoharvest"]
+    assert said and logged == said

@@ -22,7 +22,7 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.harvesting.mppt import MPPT
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, log
 from piezoharvest.study import Study, StudyError
 
 Effects = tuple[BenchEffect, ...]
@@ -79,14 +79,14 @@ class BenchCampaign:
     records: tuple[BenchRecord, ...]
 
 
-def measure(study: Study, progress: Callable[[str], None] = lambda text: None) -> BenchCampaign:
+def measure(study: Study, progress: Callable[[str], None] = log) -> BenchCampaign:
     """Run a study on the virtual bench of its table [bench].
 
     Parameters
     ----------
     study : Study
-    progress : callable, optional
-        Called for every record.
+    progress : callable
+        Called for every record; default: the logger `piezoharvest`, level INFO.
 
     Raises
     ------

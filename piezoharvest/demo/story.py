@@ -19,6 +19,7 @@ from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.engine import simulate
 from piezoharvest.engine.response import Response
 from piezoharvest.output import write_text
+from piezoharvest.progress import silent
 from piezoharvest.records import load_campaign
 from piezoharvest.records.record import Record
 from piezoharvest.study import Study, load_driven_study, load_study, read_toml
@@ -136,7 +137,7 @@ def tell(path: Path, bench: Mapping[str, Any], first: DesignResult, folder: Path
     # A command of the switch's controller, which the first design had no reason to change, is free now.
     goal = {**tables["design"], "candidates": [built.kind], "tune": ["on_time_error"]}
     changed = written("redesign.toml", first.best.shunt, {"transducer": "specimen.toml", "design": goal})
-    redesigned = design(changed).best
+    redesigned = design(changed, silent).best
     progress("measuring the new design")
     remeasured = _look(written("rebuilt.toml", timed(redesigned.shunt, study), alone), folder / "remeasured")
     return Story(study, first, measured, found, fitted, extended, redesigned, remeasured)
@@ -151,7 +152,7 @@ def timed(shunt: Any, study: Study) -> Shunt:
 
 def _look(study: Study, folder: Path) -> Look:
     """Measure a study's circuit, and read the power of its load off the dc voltage."""
-    (record,) = load_campaign(write_campaign(measure(study), folder)).records
+    (record,) = load_campaign(write_campaign(measure(study, silent), folder)).records
     assert isinstance(record, Record) and study.excitation.period is not None
     (shunt,) = study.shunts
     count = round(PERIODS * study.excitation.period * record.sample_rate)

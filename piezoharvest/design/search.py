@@ -9,8 +9,8 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError, check_kind
 from piezoharvest.description.shunts import LinearShunt
-from piezoharvest.design.bound import bound_in_band, bound_of, bound_of_several
 from piezoharvest.design.added_damping import why_none
+from piezoharvest.design.bound import bound_in_band, bound_of, bound_of_several
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.electrodes import about_places, check_places, front_back, moved, moved_back
@@ -24,7 +24,7 @@ from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
 from piezoharvest.design.trial import DESIGN_WORK, Trial
 from piezoharvest.design.tuning.frequency import SEARCH_WORK, FrequencySearch
 from piezoharvest.design.tuning.starts import Host
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, log
 from piezoharvest.study import SYNTHESISED, DesignOptions, Study
 from piezoharvest.threads import single_threaded
 
@@ -42,7 +42,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
         `study.design` gives the goal; without it the defaults of `DesignOptions` hold. `study.shunts` are templates:
         their fields that are not tuned (diode drop, quality, smoothing capacitance, ...) are kept.
     progress : callable, optional
-        Called with short messages on the progress.
+        Called with short messages on the progress; default: the logger `piezoharvest`, level INFO.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     """
     check_kind("study", study, Study, 'load_study("study.toml") reads one')
     options = study.design or DesignOptions()
-    return _Design(study, options, progress or (lambda _: None)).run()
+    return _Design(study, options, progress or log).run()
 
 
 @dataclass

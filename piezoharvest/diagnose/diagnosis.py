@@ -41,7 +41,7 @@ from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static, is_better_left_out
 from piezoharvest.predict.prediction import PredictionError
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, log, silent
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.threads import single_threaded
 
@@ -51,7 +51,7 @@ OFFSET_CHANNELS = ("displacement",)  # channels whose origin is arbitrary: where
 @single_threaded
 def diagnose(
     campaign: Campaign,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = log,
     library: Sequence[type[Effect]] | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign.
@@ -64,7 +64,7 @@ def diagnose(
     ----------
     campaign : Campaign
     progress : callable
-        Called with messages on the progress.
+        Called with messages on the progress; default: the logger `piezoharvest`, level INFO.
     library : sequence of Effect classes, optional
         Effects to look for; default all that are registered, and where these leave something a law without a name.
 
@@ -142,7 +142,7 @@ def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:
 
     That model may be worse than the one that was judged: what laws explain has to be gone from that one, too.
     """
-    before = identify(replace(found.campaign, transducer=transducer), offsets=found.before.offsets)
+    before = identify(replace(found.campaign, transducer=transducer), silent, offsets=found.before.offsets)
     alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
     return replace(found, campaign=before.campaign, before=before, search=alone)
 

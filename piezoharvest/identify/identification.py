@@ -38,6 +38,7 @@ from piezoharvest.identify.start_values.quasi_static import (
     resonance_above_nyquist,
 )
 from piezoharvest.predict.parameters import is_of_circuit, parameters_of, value_at
+from piezoharvest.progress import Numbered, log
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import Record
@@ -50,7 +51,7 @@ WEIGHT_TOLERANCE = 1e-3  # relative difference below which weights count as equa
 @single_threaded
 def identify(
     campaign: Campaign,
-    progress: Progress = lambda text: None,
+    progress: Progress = log,
     offsets: Sequence[str] | None = None,
     near: Identification | None = None,
     poor: Callable[[Fit], None] = lambda found: None,
@@ -61,7 +62,7 @@ def identify(
     ----------
     campaign : Campaign
     progress : callable
-        Called with messages about progress.
+        Called with messages about progress; default: the logger `piezoharvest`, level INFO.
     offsets : sequence of str, optional
         Channels whose offset is free in every record; default all responses.
     near : Identification, optional
@@ -75,6 +76,7 @@ def identify(
         There are no records to fit, or a record cannot be predicted.
     """
     check_kind("campaign", campaign, Campaign, 'load_campaign("campaign.toml") reads one')
+    progress = Numbered.of(progress)
     data = prepared(campaign, "fit")
     if not data:
         raise CampaignError(campaign.path, "records", 'no record has role = "fit", at least one is needed')

@@ -24,7 +24,7 @@ from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, Value, estimates_of, of_kind, values_of
 from piezoharvest.population.saving import save_all
 from piezoharvest.predict.prediction import PredictionError
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, log
 from piezoharvest.records.specimens import SpecimenSet
 
 Progress = Callable[[str], None]
@@ -180,7 +180,7 @@ def _root_mean_square(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def diagnose_specimens(
     specimens: SpecimenSet,
-    progress: Progress = lambda text: None,
+    progress: Progress = log,
     library: Sequence[type[Effect]] | None = None,
 ) -> SpecimensDiagnosis:
     """Diagnose several specimens: each by itself, then all with the set of effects that explains them together.
@@ -189,7 +189,7 @@ def diagnose_specimens(
     ----------
     specimens : SpecimenSet
     progress : callable
-        Called with messages on the progress.
+        Called with messages on the progress; default: the logger `piezoharvest`, level INFO.
     library : sequence of Effect classes, optional
         As in `diagnose`.
 

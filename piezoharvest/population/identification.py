@@ -16,7 +16,7 @@ from piezoharvest.population.naming import errors_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, estimates_of, of_kind
 from piezoharvest.population.saving import save_all
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, log, silent
 from piezoharvest.records.specimens import SpecimenSet
 
 Progress = Callable[[str], None]
@@ -84,7 +84,7 @@ def odd_sentence(name: str, what: tuple[str, ...]) -> str:
     return f"{name} is of another kind: it differs in {' and '.join(what)}, and is left out of mean and spread"
 
 
-def identify_specimens(specimens: SpecimenSet, progress: Progress = lambda text: None) -> SpecimensIdentification:
+def identify_specimens(specimens: SpecimenSet, progress: Progress = log) -> SpecimensIdentification:
     """Identify several specimens: each by itself, then all with the mean and spread that they have as a kind.
 
     Raises
@@ -110,4 +110,4 @@ def _with_kind(together: Pooled, n: int, found: Identification, problem: Problem
     if n in together.odd:
         return found
     estimates = estimates_of(together, n, found.estimates)
-    return identification_of(found.campaign, problem, together.fits[n], estimates, lambda text: None)
+    return identification_of(found.campaign, problem, together.fits[n], estimates, silent)

@@ -20,6 +20,7 @@ from piezoharvest.identify.fitting.output_error import inverse
 from piezoharvest.identify.identification import identify, with_parameters_held
 from piezoharvest.identify.result import Identification
 from piezoharvest.predict.parameters import Parameter, value_at
+from piezoharvest.progress import silent
 from piezoharvest.records.campaign import Campaign
 
 
@@ -46,15 +47,15 @@ def identified(
         Of some of the records, used as the start; where it holds its values, so does this one.
     """
     if near is not None and near.held:
-        return with_parameters_held(identify(campaign, near=near), offsets)
+        return with_parameters_held(identify(campaign, silent, near=near), offsets)
     if near is not None:
-        return identify(campaign, offsets=offsets, near=near)
+        return identify(campaign, silent, offsets=offsets, near=near)
     try:
-        return identify(campaign, offsets=offsets, poor=partial(_check, campaign.transducer))
+        return identify(campaign, silent, offsets=offsets, poor=partial(_check, campaign.transducer))
     except StrayedError:
-        free = identify(campaign)
+        free = identify(campaign, silent)
     if deviating(free.found, campaign.transducer):  # for another reason
-        return identify(campaign, offsets=offsets)
+        return identify(campaign, silent, offsets=offsets)
     progress("parameters leave their nominal values, but do not with free offsets: these values are held at first")
     return with_parameters_held(free, offsets)
 

@@ -17,7 +17,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.problem import Problem, prior_of, starting
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.progress import Step
+from piezoharvest.progress import Iteration
 
 MAX_ITERATIONS = 60  # most iterations
 NOT_CONVERGED = "too many iterations"  # message of a descent that has not converged
@@ -114,7 +114,7 @@ def descend(
     descent = _Descent(judge, _Bounds.of(problem, model, nuisance), start, loose, enough, aim)
     for _ in range(most):
         if descent.advance():
-            progress(Step(f"iteration {descent.iteration}: misfit (-2 ln L) {descent.here.cost:.6g}"))
+            progress(Iteration(f"misfit (-2 ln L) {descent.here.cost:.6g}"))
         if descent.ended:
             break
     here = descent.here
