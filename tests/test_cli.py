@@ -301,6 +301,15 @@ class TestOut:
         np.testing.assert_array_equal(table["dc_voltage_V"][:4], np.linspace(0, 0.02, 4) + 8)
         assert sorted(os.listdir(tmp_path)) == sorted(["study.toml", f"w{suffix}"])
 
+    @pytest.mark.parametrize(("suffix", "smaller"), [(".csv", "; .parquet, .npz and .h5 take less"), (".npz", "")])
+    def test_a_large_file_is_told(self, study, run, engine, monkeypatch, tmp_path, suffix, smaller):
+        """A transient of 200 s wrote 376 MB without a word."""
+        monkeypatch.setattr("piezoharvest.cli.commands._LARGE_FILE", 1e6)
+        engine(response(samples=20_000), response(samples=20_000))
+        _, _, err = run("simulate", study, "--out", f"w{suffix}")
+        size = round((tmp_path / f"w{suffix}").stat().st_size / 1e6)
+        assert size > 0 and f"waveforms: w{suffix} ({size} MB, 40,000 rows{smaller})\n" in err
+
     @pytest.mark.parametrize("name", ["w.xls", "w", ".csv", "w.csv.gz"])
     def test_unknown_suffix_before_simulating(self, study, refused, engine, name):
         engine()

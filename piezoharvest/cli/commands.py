@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from piezoharvest.specimen import Specimen
 
 BAD_INPUT = (StudyError, ParameterError, OutputError, InputError)
+_LARGE_FILE = 5e7  # bytes: what takes seconds to write, and an editor or a spreadsheet does not open
 
 
 def driven_study(path: Path) -> Study:
@@ -64,10 +65,20 @@ def simulate(
         if specimen is not None:
             tables.print_intervals([response.shunt for response in responses], spread)
     if out is not None:
-        write_table(waveform_table(responses), out)
-        note(f"waveforms: {out}")
+        table = waveform_table(responses)
+        write_table(table, out)
+        note(f"waveforms: {out}{_size(out, len(table['time_s']))}")
     every = all(found is None or found["converged"] == found["samples"] for found in spread)
     return 0 if every and all(response.converged for response in responses) else 1
+
+
+def _size(file: Path, rows: int) -> str:
+    """Size of a large file in words, with what is smaller where it is text."""
+    size = file.stat().st_size
+    if size < _LARGE_FILE:
+        return ""
+    smaller = "; .parquet, .npz and .h5 take less" if file.suffix.lower() == ".csv" else ""
+    return f" ({size / 1e6:.0f} MB, {rows:,} rows{smaller})"
 
 
 def _specimen(study: Study) -> Specimen:

@@ -73,6 +73,19 @@ class TestAccepted:
         assert {signal.column for signal in campaign.records[0].signals.values()} == kept.keys() - {"time_s"}
         assert campaign.warnings == ()
 
+    @pytest.mark.parametrize("name", ["base_acceleration_m_s2", "base_acceleration_m_per_s2"])
+    def test_either_spelling_of_a_unit_is_a_default_column(self, tmp_path, columns, name):
+        """The bench and `simulate --out` write one, the interface the other: a record was refused for it."""
+        renamed = columns | {"velocity_m_per_s": np.gradient(columns["displacement_m"], columns["time_s"])}
+        renamed[name] = -50.0 * renamed.pop("force_N")  # m/s^2, as the base drives it by -m a
+        record = RECORD + 'drive = "base_acceleration"\n'
+        (found,) = load(tmp_path, TRANSDUCER + record, run_csv=renamed).records
+        np.testing.assert_array_equal(found.signals["base_acceleration"].values, renamed[name])
+        np.testing.assert_array_equal(found.signals["velocity"].values, renamed["velocity_m_per_s"])
+        both = renamed | {"velocity_m_s": 1.1 * renamed["velocity_m_per_s"]}  # the usual one counts
+        (found,) = load(tmp_path, TRANSDUCER + record, run_csv=both).records
+        np.testing.assert_array_equal(found.signals["velocity"].values, both["velocity_m_s"])
+
     def test_units_gain_offset_and_sigma(self, tmp_path, columns):
         pounds = columns["force_N"] / 4.4482216152605
         raw = {"t": 1e3 * columns["time_s"], "F": pounds, "v": columns["voltage_V"] / 20 + 1,

@@ -23,6 +23,11 @@ COLUMNS: Mapping[str, str] = MappingProxyType({
     "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2", "velocity": "velocity_m_s",
     "acceleration": "acceleration_m_s2", "dc_voltage": "dc_voltage_V", "dc_current": "dc_current_A", "gate": "gate",
 })  # fmt: skip
+# The same columns as the bench and `simulate --out` spell their units, and the other way round.
+ALSO: Mapping[str, str] = MappingProxyType({
+    "base_acceleration": "base_acceleration_m_s2", "velocity": "velocity_m_per_s",
+    "acceleration": "acceleration_m_per_s2",
+})  # fmt: skip
 # Allowed magnitudes of non-zero samples in SI units: twelve decades beyond any measurement, and below the 9.9e37 and
 # 3.4e38 that instruments and single precision write for an overload.
 SMALLEST, LARGEST = 1e-30, 1e30

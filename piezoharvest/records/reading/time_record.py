@@ -16,7 +16,7 @@ from piezoharvest.readers.base import cut, last_part, shown
 from piezoharvest.readers.units import stated_unit
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
+from piezoharvest.records.reading.channels import ALSO, COLUMNS, UNITS, ChannelSource
 from piezoharvest.records.reading.entries import PeriodicEntry, Sources, TimeEntry
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.reading.in_memory import InMemory
@@ -73,7 +73,9 @@ class TimeRecordReader:
         name = self.file(channel)
         reader = self.files.reader(name)
         try:
-            self.columns[channel] = [reader.resolve(column) for column in source.columns(COLUMNS[channel])]
+            default = self._default(channel, reader)
+            usual = level == "default" or source.column is None
+            self.columns[channel] = list(map(reader.resolve, (default,) if usual else source.columns(default)))
         except MissingColumnError as error:
             drive = channel == self.entry.drive
             if level == "record" or drive or (channel == "time" and level == "campaign"):
@@ -92,6 +94,12 @@ class TimeRecordReader:
                 self.findings.append(Finding("warning", "missing column", name, channel, (), message))
         except ReadError as error:
             raise self.files.error(name, channel, error) from None
+
+    def _default(self, channel: str, reader: Reader) -> str:
+        """Default column of a channel, in the spelling of its unit that the file has."""
+        usual, other = COLUMNS[channel], ALSO.get(channel)
+        names = {last_part(name) for name in reader.names}
+        return other if other in names and usual not in names else usual
 
     def _naming(self, channel: str, reader: Reader) -> str:
         """How to name the column of a channel, if it was sought under its usual name only; else ""."""
