@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import sys
 import traceback
 from pathlib import Path
 
-from piezoharvest.description.effects import registered
+from piezoharvest.description.effects import Effect, registered
 from piezoharvest.input import InputError, check_readable
 
 MOST_BYTES = 1 << 20  # of an effect file: a class is a few kilobytes
@@ -33,6 +34,10 @@ def load_effects(path: str | Path) -> list[str]:
     before = registered()
     if module_name not in sys.modules:
         _run(path, module_name)
+    own = {cls.__name__: cls for cls in vars(sys.modules[module_name]).values() if _is_of(cls, module_name)}
+    lacking = next(((name, what) for name, cls in own.items() if (what := _lacking(cls))), None)
+    if lacking is not None:
+        raise InputError(f"{path}: class {lacking[0]}: {lacking[1]}")
     names = [name for name, cls in registered().items() if cls.__module__ == module_name]
     taken = [name for name in names if name in before and before[name].__module__ != module_name]
     if taken:
@@ -47,6 +52,23 @@ def place_of(error: BaseException) -> str:
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
         if str(frame.f_globals.get("__name__", "")).startswith(_PREFIX):
             return f"{frame.f_code.co_filename}: line {line}, in {frame.f_code.co_qualname}"
+    return ""
+
+
+def _is_of(cls: object, module_name: str) -> bool:
+    """True for a class of an effect that a module defines itself, and from which it derives no other."""
+    is_effect = isinstance(cls, type) and issubclass(cls, Effect)
+    return is_effect and cls.__module__ == module_name and not cls.__subclasses__()
+
+
+def _lacking(cls: type[Effect]) -> str:
+    """What the class of an effect lacks, in words: what is found later, in the midst of a diagnosis, is none."""
+    for attribute in ("name", "source"):
+        if not isinstance(getattr(cls, attribute, None), str | property):
+            return f"found no {attribute}, an effect needs one ({attribute}: ClassVar[str] = ...)"
+    if not any(field.metadata.get("null") is not None for field in dataclasses.fields(cls)):
+        needed = "needs a field with the value at which it is absent (quantity(..., null=0.0), in a dataclass)"
+        return f"found no null value, an effect {needed}"
     return ""
 
 

@@ -401,7 +401,7 @@ class TestUnits:
         [
             ("40 nH", "found the unit 'nH', must be a unit that converts to F"),
             ("40n", "found the unit 'n', must be a unit such as F"),
-            ("40", "found '40', must be a finite number greater than 0 F"),
+            ("40", "found '40' without its unit, must be a number, or text such as '40 F'"),
             ("-40 nF", "found -4e-08, must be a finite number greater than 0 F"),
             ("1e999 F", "found inf, must be a finite number greater than 0 F"),
             ("40 nF nF", "found the unit 'nF nF', must be a unit that converts to F"),

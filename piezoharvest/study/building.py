@@ -73,7 +73,8 @@ def build_effect(name: str, table: Any, where: str) -> Effect:
     if name in known:
         return build(known[name], table, where)
     if not isinstance(table, dict) or "place" not in table:
-        raise unknown(where, name, known, "effect")
+        told = unknown(where, name, known, "effect").message
+        raise ParameterError(where, f"{told}; one of your own is read from its file by --effects")
     for key in table:
         if key not in PARTS:
             raise unknown(f"{where}.{key}", key, PARTS, "key")

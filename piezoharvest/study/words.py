@@ -34,7 +34,7 @@ def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> Parame
     names = sorted(known)
     hint = did_you_mean(name, names)
     found = f"unknown {what}{hint}, known {what}s" if what else f"found {shown_value(name)}{hint}, allowed"
-    return ParameterError(key, f"{found} are {', '.join(names)}")
+    return ParameterError(key, f"{found} are {', '.join(names) or 'none'}")
 
 
 def not_in_catalogue(key: str, name: Any, known: Iterable[str]) -> ParameterError:

@@ -234,7 +234,9 @@ def _by_name(reader: Reader) -> dict[str, int]:
     found: dict[str, list[tuple[int, int]]] = {}
     for n, full in _resolved(reader).items():
         name, unit = reader.names[n - 1], reader.unit(full)
-        default = next((c for c, column in (*COLUMNS.items(), *ALSO.items()) if column == name), reader.channels.get(name.lower()))
+        default = next(
+            (c for c, column in (*COLUMNS.items(), *ALSO.items()) if column == name), reader.channels.get(name.lower())
+        )
         channel = default or _named_like(name, unit) or _electrical(name)
         if channel is not None and (default is not None or not _counts(reader, full, channel)):
             first = 0 if default is not None else 1 if unit is not None and unit.si == UNITS[channel] else 2

@@ -254,6 +254,30 @@ def test_an_effect_whose_equations_fail_is_told_with_its_file_and_line(tmp_path)
     assert "internal error" not in said
 
 
+@pytest.mark.parametrize(
+    ("lacks", "without", "message"),
+    [("name", 'name: ClassVar[str] = "nobody_NAME"', "class Nobody: found no name, an effect needs one (name: ClassV"),
+     ("source", 'source: ClassVar[str] = "none"', "class Nobody: found no source, an effect needs one"),
+     ("null", ", null=0.0", "class Nobody: found no null value, an effect needs a field with the value at which it"),
+     ("dataclass", "@dataclass(frozen=True, kw_only=True)\n", "class Nobody: found no null value")],
+)  # fmt: skip
+def test_what_the_class_of_an_effect_lacks_is_told_before_anything_is_computed(lacks, without, message, tmp_path):
+    """Without a null value a diagnosis ended, after its fits, in an internal error: StopIteration."""
+    text = CARELESS.replace("Careless", "Nobody").replace('"careless"', '"nobody_NAME"')
+    assert without in text
+    (tmp_path / "nobody.py").write_text(text.replace(without, "").replace("NAME", lacks))
+    with pytest.raises(InputError) as caught:
+        load_effects(tmp_path / "nobody.py")
+    assert str(caught.value).startswith(f"{tmp_path / 'nobody.py'}: {message}")
+    gc.collect()
+
+
+def test_an_unknown_effect_is_told_how_one_of_a_file_is_read(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(STUDY.replace("[transducer.effects.NAME]", "[transducer.effects.own]"))
+    assert main(["simulate", str(tmp_path / "study.toml")]) == 2
+    assert "voltage_reversion; one of your own is read from its file by --effects" in capsys.readouterr().err
+
+
 def test_a_missing_file_is_told_in_a_sentence(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_effects(tmp_path / "none.py")
