@@ -73,6 +73,26 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {**table, "modes": modes[1:]}
 
 
+def check_base(table: Any, effective_mass: float | None, why: str) -> None:
+    """Raise `ParameterError` if a file of modes lacks the participations that a base acceleration drives.
+
+    Without them each mode would be driven by its mass, which of unit modal mass is a matter of scaling.
+
+    Parameters
+    ----------
+    table : mapping
+        Table of the transducer, as the user gave it.
+    effective_mass : float or None
+        Of its first mode, as built, kg.
+    why : str
+        What needs them.
+    """
+    if isinstance(table, Mapping) and KEY in table and effective_mass is None:
+        key = f"{PLACES}.base" if PLACES in table else KEY
+        found = "missing key" if PLACES in table else f"{table[KEY]}: the file has no column 'base'"
+        raise ParameterError(key, f"{found}, {why} needs each mode's participation in a base acceleration (kg^1/2)")
+
+
 def _mode(columns: Mapping[str, np.ndarray], n: int, share: float) -> dict[str, float]:
     """Table of a mode in the coordinate that is `share` times that of unit modal mass."""
     omega, mass = 2 * np.pi * columns["frequency_Hz"][n], share**-2

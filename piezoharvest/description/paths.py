@@ -63,6 +63,14 @@ def found_at(part: Component, path: str) -> tuple[float, dataclasses.Field]:
     KeyError
         There is no number at the path.
     """
+    value, field = quantity_at(part, path)
+    if not isinstance(value, int | float):
+        raise KeyError(path)
+    return float(value), field
+
+
+def quantity_at(part: Component, path: str) -> tuple[Any, dataclasses.Field]:
+    """What is at the path of a quantity, None where it is optional and not given, and its field; or `KeyError`."""
     value, field = part, None
     for word in path.split("."):
         if isinstance(value, tuple):
@@ -74,9 +82,9 @@ def found_at(part: Component, path: str) -> tuple[float, dataclasses.Field]:
             value = getattr(value, word)
         else:
             raise KeyError(path)
-    if field is None or "unit" not in field.metadata or not isinstance(value, int | float):
+    if field is None or "unit" not in field.metadata:
         raise KeyError(path)
-    return float(value), field
+    return value, field
 
 
 def component_table(component: Component) -> dict[str, Any]:

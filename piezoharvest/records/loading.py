@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.description.modes_file import check_base
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.readers import Reader
@@ -237,6 +238,11 @@ def campaign_of(
     campaign = Campaign(title, path, transducer, records, tuple(found), unknown, limits)
     if "mass" in unknown and campaign.drives_base:
         raise ParameterError("transducer.mass", "missing key, records driven by a base acceleration need a number (kg)")
+    if campaign.drives_base:
+        try:
+            check_base(table["transducer"], transducer.effective_mass, "a record driven by a base acceleration")
+        except ParameterError as error:
+            raise error.within("transducer") from None
     return campaign
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from piezoharvest.description import excitation
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
+from piezoharvest.description.modes_file import check_base
 from piezoharvest.description.parameters import Component, ParameterError
-from piezoharvest.description.paths import found_at
+from piezoharvest.description.paths import quantity_at
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
@@ -150,10 +151,16 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
     design = _build_design(table["design"], path.parent) if "design" in table else None
     driven, free = _with_frequency(table["excitation"], design)
     transducer, specimen = transducer_of(table["transducer"], path.parent)
+    drive = build_excitation(driven, path.parent)
+    if drive.base:
+        try:
+            check_base(table["transducer"], transducer.effective_mass, f"excitation.kind = {drive.kind!r}")
+        except ParameterError as error:
+            raise error.within("transducer") from None
     study = Study(
         title=typed(str, table.get("title", path.stem), "title"),
         transducer=transducer,
-        excitation=build_excitation(driven, path.parent),
+        excitation=drive,
         shunts=build_list(table["shunts"], "shunts", partial(build_shunt, transducer=transducer))
         if "shunts" in table
         else (),
@@ -214,16 +221,22 @@ def _ends_in_si(table: Any, study: Study) -> Any:
 def _end_in_si(parameter: Any, n: int, study: Study) -> Any:
     """Table of a swept parameter with its ends as numbers, where they are text with a unit."""
     texts = [key for key in ("from", "to") if isinstance(parameter, dict) and isinstance(parameter.get(key), str)]
-    root, _, path = str(parameter.get("path", "")).partition(".") if texts else ("", "", "")
+    if not texts or not isinstance(parameter.get("path"), str):
+        return parameter  # building it says what is wrong
+    root, _, path = parameter["path"].partition(".")
     try:
         if root == "shunts":
             place, _, path = path.partition(".")
             part: Component = study.shunts[int(place)]
         else:
             part = {"transducer": study.transducer, "excitation": study.excitation}[root]
-        field = found_at(part, path)[1]
+        field = quantity_at(part, path)[1]
     except (KeyError, IndexError, ValueError):
-        return parameter  # the sweep says that there is no such path, or that text without a unit is no number
+        parts = {"transducer": study.transducer, "excitation": study.excitation}
+        parts |= {f"shunts.{k}": shunt for k, shunt in enumerate(study.shunts)}
+        known = [f"{at}.{field.name}" for at, each in parts.items() for field in dataclasses.fields(each)
+                 if "unit" in field.metadata]  # fmt: skip
+        raise unknown(f"sweep.parameters.{n}.path", parameter["path"], known) from None
     converted = {key: in_si(parameter[key], unit_of(type(part), field), f"sweep.parameters.{n}.{key}") for key in texts}
     return {**parameter, **converted}
 

@@ -272,6 +272,27 @@ def test_what_is_wrong_with_a_file_or_a_place_is_told(tmp_path, old, new, key, m
     assert is_sentence(caught.value.message)
 
 
+@pytest.mark.parametrize("kind", ["sine_base", "random_base"])
+def test_a_moving_base_needs_its_participations(tmp_path, kind):
+    """Without them each mode was driven by its mass, which of unit modal mass means nothing; nothing was said."""
+    drive = {
+        "sine_base": "amplitude = 1.0\nfrequency = 51.0",
+        "random_base": "psd = 1.0\nband = [20, 90]\nduration = 1.0",
+    }
+    force = 'kind = "sine_force"\namplitude = 0.02\nfrequency = 51.0'
+    assert force in STUDY
+    study = STUDY.replace(force, f'kind = "{kind}"\n{drive[kind]}')
+    assert studied(tmp_path, study=study).transducer.effective_mass is not None
+    without = "\n".join(line.rpartition(",")[0] for line in MODES.splitlines()) + "\n"
+    with pytest.raises(StudyError) as caught:
+        studied(tmp_path, without, study)
+    assert caught.value.key == "transducer.modes_file"
+    assert caught.value.message.startswith(
+        f"modes.csv: the file has no column 'base', excitation.kind = '{kind}' needs"
+    )
+    assert studied(tmp_path, without).transducer.effective_mass is None  # a force needs none
+
+
 def universal(frequencies, ratios, masses, shapes, units=(1.0, 1.0)):
     """Universal file as its description says (data sets 164 and 55): records of fixed columns, six values a node.
 

@@ -121,6 +121,23 @@ def test_designs_that_are_all_refused(refused, swept, message):
     assert refused(STUDY + sweep_table(swept)).startswith(f"study.toml: sweep.parameters: {message}")
 
 
+def test_a_wrong_path_is_told_before_the_unit_of_its_ends(refused):
+    """Of "10 kohm" at a misspelt path it was said that there must be no unit."""
+    table = sweep_table('{ path = "shunts.0.load_resistence", from = "10 kohm", to = "1 Mohm", count = 3 }')
+    said = refused(STUDY + table)
+    assert said.startswith(
+        "study.toml: sweep.parameters.0.path: found 'shunts.0.load_resistence' (did you mean 'shunts.0"
+    )
+
+
+def test_ends_of_an_optional_value_that_the_study_does_not_give_have_units(tmp_path):
+    """Only values that the study gives had."""
+    table = sweep_table('{ path = "shunts.0.hold_off", from = "1 ms", to = "2 ms", count = 3 }')
+    (tmp_path / "study.toml").write_text(STUDY + table)
+    (parameter,) = load_study(tmp_path / "study.toml").sweep.parameters
+    assert (parameter.from_, parameter.to) == (1e-3, 2e-3)
+
+
 def test_no_table(refused):
     assert refused(STUDY) == "study.toml: sweep: missing table [sweep]"
 
