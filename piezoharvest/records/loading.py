@@ -34,6 +34,7 @@ from piezoharvest.records.reading.time_record import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.study import StudyError, build, build_transducer, check_kind_of_file, read_toml, transducer_table
 from piezoharvest.study import unknown as unknown_name
+from piezoharvest.study.words import typed
 
 _TABLES = ("title", "transducer", "channels", "records", "experiment")
 _SOURCES = ("catalogue", "modal", "datasheet")  # keys of [transducer] that give mass and damping, too
@@ -222,10 +223,11 @@ def campaign_of(
     transducer, unknown = _nominal(table["transducer"], path.parent)
     sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
     entries = table.get("records")
-    if not isinstance(entries, list) or not entries:
-        found = "missing" if entries is None else f"found {repr(entries)[:60]}"
+    if entries is None or entries == []:
+        found = "missing" if entries is None else "found []"
         table_name = f"[[{where and 'specimens.'}records]]"
         raise ParameterError(f"{where}records", f"{found}, at least one table {table_name} is needed")
+    typed(list, entries, f"{where}records")
     read = list(_entries(entries, f"{where}records", sources, path, before, data))
     records = tuple(record for record, _ in read)
     fitted = dict.fromkeys(value for record in records if isinstance(record, Record) for value in record.fitted)

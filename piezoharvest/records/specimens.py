@@ -11,6 +11,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.records.finding import Finding, counted
 from piezoharvest.records.loading import Campaign, campaign_of, checked, reading
 from piezoharvest.study import read_toml
+from piezoharvest.study.words import typed
 
 SPECIMENS = "specimens"
 MIN_SPECIMENS, MAX_SPECIMENS = 2, 1000  # fewer are a campaign of one; more are a mistake, at seconds each at least
@@ -76,11 +77,10 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
             allowed = f"known keys together with {SPECIMENS} are {', '.join(_COMMON[:-1])}"
             more = "records are given in [[specimens.records]]" if key == "records" else allowed
             raise ParameterError(key, f"unknown key, {more}")
-    entries = table[SPECIMENS]
-    if not isinstance(entries, list) or not MIN_SPECIMENS <= len(entries) <= MAX_SPECIMENS:
-        count = counted(len(entries), "table") if isinstance(entries, list) else repr(entries)[:60]
+    entries = typed(list, table[SPECIMENS], SPECIMENS)
+    if not MIN_SPECIMENS <= len(entries) <= MAX_SPECIMENS:
         allowed = f"allowed are {MIN_SPECIMENS} to {MAX_SPECIMENS} tables [[specimens]]"
-        raise ParameterError(SPECIMENS, f"found {count}, {allowed}")
+        raise ParameterError(SPECIMENS, f"found {counted(len(entries), 'table')}, {allowed}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
         raise ParameterError("title", f"found {repr(title)[:80]}, must be a string")

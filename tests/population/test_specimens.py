@@ -95,6 +95,10 @@ ONE = f'[[specimens]]\nname = "a"\n{RECORD}'
         (HEAD + ONE, "specimens: found 1 table, allowed are 2 to 1000"),
         (HEAD + ONE + ONE, "specimens.1.name: found 'a', which another specimen has"),
         (HEAD + ONE + "[[specimens]]\nname = 3\n" + RECORD, "specimens.1.name: found 3, must be a string"),
+        (
+            HEAD + '[specimens]\nname = "a"\n',
+            "specimens: found {'name': 'a'}, must be a list of tables, written as [[specimens]], not [specimens]",
+        ),
         (HEAD + ONE + "[[specimens]]\n", "specimens.1.records: missing, at least one table [[specimens.records]]"),
         (HEAD + ONE + "[[specimens]]\nmass = 3\n" + RECORD, "specimens.1.mass: unknown key, known keys are name"),
         (HEAD + ONE + "[[specimens]]\n" + RECORD.replace("1e5", "-1.0"), "specimens.1.records.0.load_resistance: "),

@@ -254,6 +254,10 @@ class TestWrong:
             (TRANSDUCER, "records", "missing, at least one table [[records]] is needed"),
             (TRANSDUCER + "records = []\n", "transducer.records", "unknown key"),
             ("records = []\n" + TRANSDUCER, "records", "found [], at least one table [[records]] is needed"),
+            (
+                TRANSDUCER + '[records]\nfile = "run.csv"\n', "records",
+                "found {'file': 'run.csv'}, must be a list of tables, written as [[records]], not [records]",
+            ),
             (TRANSDUCER + '[[records]]\nfile = "run.csv"\n', "records.0.load_resistance", "missing key"),
             (TRANSDUCER + "[[records]]\nload_resistance = 1.0\n", "records.0.file", "missing key"),
             (TRANSDUCER + RECORD.replace("97780.0", "-1.0"), "records.0.load_resistance", "found -1.0"),
