@@ -57,8 +57,9 @@ def place_of(error: BaseException) -> str:
 
 def _is_of(cls: object, module_name: str) -> bool:
     """True for a class of an effect that a module defines itself, and from which it derives no other."""
-    is_effect = isinstance(cls, type) and issubclass(cls, Effect)
-    return is_effect and cls.__module__ == module_name and not cls.__subclasses__()
+    if not isinstance(cls, type) or not issubclass(cls, Effect):
+        return False
+    return cls.__module__ == module_name and not cls.__subclasses__()
 
 
 def _lacking(cls: type[Effect]) -> str:
