@@ -90,12 +90,15 @@ class LawFit:
         """True if a time or frequency of its memory, or a damping at a port, has gone to the end of its range.
 
         What is faster or slower than all records is a straight line. A sensor's filter may well be critically damped.
+        A delay, which is no logarithm, has no such end.
         """
         values, parameters = inner_values(self.found.model), self.found.model.parameters
         ends = [
             (values[k], (parameters[k].lower, parameters[k].upper))
             for k in self.own
-            if parameters[k].path[2] == "memory" and (self.place.port or parameters[k].path[3] != "damping_ratio")
+            if parameters[k].path[2] == "memory"
+            and parameters[k].scaling == "log"
+            and (self.place.port or parameters[k].path[3] != "damping_ratio")
         ]
         return any(np.any(np.isclose(value, bounds, rtol=0.0, atol=AT_END)) for value, bounds in ends)
 

@@ -53,7 +53,8 @@ def own_part(problem: Problem, table: LawFit) -> tuple[float, float]:
     labels = (data.setting.shunt for data in problem.data if isinstance(data, Data))
     shunts: list[Any] = [_connected(label, device.effects[: table.index]) for label in labels if label is not None]
     if isinstance(table.place, DcLoad):
-        own = [(0.0, 1.0 / shunt.load_resistance) for shunt in shunts if has_dc_load(shunt)]
+        loads: list[Any] = [shunt.load_resistance for shunt in shunts if has_dc_load(shunt)]
+        own = [(0.0, 1.0 / load) for load in loads]
     elif name == "load":
         own = [(0.0, 1.0 / shunt.resistance) for shunt in shunts if isinstance(shunt, Resistor)]
     elif name == "diode":

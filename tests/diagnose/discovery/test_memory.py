@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_simpson
 from piezoharvest import Open, Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Knee, Line
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Delay, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import Capacitor, Electrodes, Load, Reading, Spring
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted, law_parameters, score, without_law
@@ -204,6 +204,13 @@ def test_a_memory_at_the_end_of_its_range_is_none(frequency, ends):
     model = Model(Transducer(**BEAM, effects=(moved,)), tuple(law_parameters(begun, 0)), ())
     found = LawFit(SimpleNamespace(model=model), np.linspace(-1.0, 1.0, 3))
     assert found.memory_at_its_end is ends
+
+
+def test_a_delay_of_less_than_a_millisecond_is_at_no_end():
+    """Its bound of zero is none of a logarithm: all such delays were put down as memories that a fit had let go."""
+    late = Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=4e-5))
+    model = Model(Transducer(**BEAM, effects=(late,)), tuple(law_parameters(late, 0)), ())
+    assert not LawFit(SimpleNamespace(model=model), np.linspace(-1.0, 1.0, 3)).memory_at_its_end
 
 
 @pytest.mark.slow

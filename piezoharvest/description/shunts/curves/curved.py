@@ -58,7 +58,7 @@ def with_curves(shunt: Shunt) -> Shunt:
     count = found.size
     if count > MOST_CONFIGURATIONS:
         lines = {"switch_curve": switch, "diode_curve": diode, "load_curve": load}
-        key = max((key for key in lines if lines[key]), key=lambda key: lines[key].pieces)
+        key = max(lines, key=lambda key: getattr(lines[key], "pieces", 0))
         allowed = f"at most {MOST_CONFIGURATIONS} are allowed: give fewer points"
         raise ParameterError(key, f"found {count} combinations of pieces and configurations, {allowed}")
     return found
