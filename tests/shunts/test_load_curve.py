@@ -123,8 +123,10 @@ def test_load_and_diodes_may_have_a_curve_each():
 
 
 @needs_ngspice
-@pytest.mark.parametrize("kind", [Rectifier, Doubler, ParallelSSHI], ids=lambda kind: kind.kind)
-@pytest.mark.parametrize("diodes", [None, "BAT54"])
+@pytest.mark.parametrize(
+    ("kind", "diodes"),
+    [(Rectifier, None), (Doubler, None), (ParallelSSHI, None), (Rectifier, "BAT54"), (Doubler, "BAT54")],
+)
 def test_ngspice_agrees(kind, diodes):
     shunt = kind(
         **{**DC, "diode_drop": 0.2 if diodes is None else 0.25}, **KINDS[kind], load_resistance=LOAD,
