@@ -57,6 +57,7 @@ _HOMES = {
     "design": ("DesignResult", "design"),
     "specimen": ("Specimen", "load_specimen"),
     "sweep": ("sweep",),
+    "fleet": ("diagnose_fleet",),
     "bench": ("measure",),
     "records": ("Campaign", "CampaignError", "load_campaign"),
     "identify": ("Identification", "identify"),

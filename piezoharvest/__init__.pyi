@@ -99,6 +99,7 @@ from piezoharvest.exchange import (
     two_port_from,
     write_touchstone,
 )
+from piezoharvest.fleet import diagnose_fleet
 from piezoharvest.identify import Identification, identify
 from piezoharvest.linear import (
     TwoPort,
@@ -227,6 +228,7 @@ __all__ = [
     "coupling_factor",
     "design",
     "diagnose",
+    "diagnose_fleet",
     "exponential_curve",
     "exponential_diode",
     "frequency_response",

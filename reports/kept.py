@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.output import write_text
-from piezoharvest.sweep.processes import begin_worker
+from piezoharvest.workers.processes import begin_worker
 
 DIGITS = 8  # of what is kept: standard errors are known to two, and are far above one in 10^8 of their values
 

@@ -228,7 +228,9 @@ def identify(
 
 @app.command()
 def diagnose(
-    campaign: CampaignFile,
+    campaign: Annotated[
+        Path | None, typer.Argument(metavar="[CAMPAIGN]", help="Campaign file (TOML).", show_default=False)
+    ] = None,
     json: AsJson = False,
     report: ReportFolder = None,
     save: SpecimenFile = None,
@@ -236,6 +238,16 @@ def diagnose(
         Path | None, typer.Option(metavar="FILE", help="Save a newly found law as an effect file (.py).")
     ] = None,
     effects: EffectFiles = None,
+    batch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Diagnose all campaigns in this folder instead of one.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="With --batch: table of verdicts to write (.csv or .jsonl).")
+    ] = None,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, help="With --batch: number of processes.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="With --batch: the Dask cluster of this scheduler.")
+    ] = None,
 ) -> Work:
     """Find out why the model does not fit the measured records.
 
@@ -243,10 +255,41 @@ def diagnose(
     model, and the gain is measured on the validation records. If no known effect explains what is left, a new law is
     sought: a function of one input, added at one place in the model and given as a formula. Whatever that does not
     explain is reported as unexplained.
+
+    With --batch, every campaign in a folder and in those inside of it is diagnosed, and FILE has one row for each:
+    verdict, effects, law, gain, parameters with standard errors, or the error. A batch that was stopped is resumed by
+    the same command, which diagnoses only what is new or has changed.
     """
+    if batch is not None:
+        of_one = campaign, report, save, save_effect
+        return _fleet(of_one, batch, out, effects or [], workers=workers, scheduler=scheduler, as_json=json)
+    if campaign is None:
+        raise typer.BadParameter("missing: give a campaign file, or --batch with a folder", param_hint="CAMPAIGN")
+    if out is not None or workers > 1 or scheduler is not None:
+        raise typer.BadParameter("--out, --workers and --scheduler go with --batch only", param_hint="--batch")
     from piezoharvest.cli.on_campaigns import diagnose_command
 
     return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save, save_effect=save_effect)
+
+
+def _fleet(
+    of_one: tuple[Path | None, ...], batch: Path, out: Path | None, effects: list[Path], *, workers: int,
+    scheduler: str | None, as_json: bool,
+) -> Work:  # fmt: skip
+    """Work of `diagnose --batch`."""
+    if any(each is not None for each in of_one):
+        message = "a campaign file, --report, --save and --save-effect are for one campaign, and do not go with --batch"
+        raise typer.BadParameter(message, param_hint="--batch")
+    if out is None:
+        raise typer.BadParameter("--out FILE is needed too, a table .csv or .jsonl", param_hint="--batch")
+    if scheduler is not None and workers > 1:
+        raise typer.BadParameter("--workers is given too, but only one of the two may be", param_hint="--scheduler")
+    from piezoharvest.cli.on_campaigns import fleet_command
+
+    return partial(
+        fleet_command.diagnose_fleet, batch, out, effects=effects, workers=workers, scheduler=scheduler,
+        as_json=as_json,
+    )  # fmt: skip
 
 
 @app.command()

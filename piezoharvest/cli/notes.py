@@ -102,6 +102,17 @@ def bar(*texts: str, clock: bool = False, rate: str = "") -> Iterator[tuple[Bar,
         yield line, line.add_task("", total=None)
 
 
+@contextmanager
+def progress_of(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Function of the number done and of all: a bar on stderr with rate and time left; nothing without a terminal."""
+    with bar(rate=what) as found:
+        if found is None:
+            yield lambda done, total: None
+            return
+        line, task = found
+        yield lambda done, total: line.update(task, completed=done, total=total)
+
+
 def _left(done: float, total: float | None, now: float | None, at: float) -> float | None:
     """Time left, s, where `done` parts of `total` were done `at` a time; None where nothing is, or it is over."""
     if not done or not total or now is None:

@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study
-from piezoharvest.cli.notes import bar, note
+from piezoharvest.cli.notes import note, progress_of
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
     from piezoharvest.sweep import SweepResult
-    from piezoharvest.sweep.run import Progress
 
 
 def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json: bool) -> int:
     """Sweep a study, write its table and print a summary."""
-    from piezoharvest.sweep import SUFFIXES, start_early
+    from piezoharvest.sweep import SUFFIXES
     from piezoharvest.sweep import sweep as run
+    from piezoharvest.workers.processes import start_early
 
     check_file(out, SUFFIXES)
     if workers > 1:
-        start_early()
+        start_early("piezoharvest.sweep.evaluate", "piezoharvest.engine.batch")
     study = driven_study(path)
     try:
-        with _progress() as progress:
+        with progress_of("designs") as progress:
             result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, notify=note)
     except (KeyboardInterrupt, SystemExit):
         note("finished designs are kept: the same command resumes the sweep")
@@ -55,14 +53,3 @@ def _report_outcome(result: SweepResult) -> int:
     ]
     note(f"warning: {' and '.join(said)}")
     return 1
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Progress bar on stderr with rate and remaining time; nothing if stderr is no terminal."""
-    with bar(rate="designs") as found:
-        if found is None:
-            yield lambda done, total: None
-            return
-        line, task = found
-        yield lambda done, total: line.update(task, completed=done, total=total)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -11,15 +12,14 @@ from piezoharvest.description.parameters import check_kind
 from piezoharvest.output import check_file
 from piezoharvest.study import Study, StudyError
 from piezoharvest.sweep.checks import check
-from piezoharvest.sweep.cluster import on_cluster
 from piezoharvest.sweep.evaluate import evaluate
 from piezoharvest.sweep.fingerprint import fingerprint
 from piezoharvest.sweep.plan import Plan
-from piezoharvest.sweep.processes import in_processes
 from piezoharvest.sweep.store import SUFFIXES, Store
-from piezoharvest.sweep.stream import Chunk, Done
 from piezoharvest.sweep.summary import Summary, SweepResult
 from piezoharvest.sweep.table import schema, tabulate, units
+from piezoharvest.workers.run import done
+from piezoharvest.workers.stream import Item
 
 Progress = Callable[[int, int], object]
 Tell = Callable[[str], object]
@@ -85,17 +85,17 @@ def sweep(
             notify(other)
         if foreign:
             notify(f"{store.folder} held partial results of another study or version: starting afresh")
-        resumed = done = sum(len(plan.range(number)) for number in found)
+        resumed = count = sum(len(plan.range(number)) for number in found)
         if resumed:
             notify(f"resuming from {store.folder}: {resumed} of {plan.designs} designs are done")
-        progress(done, plan.designs)
-        chunks = (Chunk(n, plan.points(plan.range(n))) for n in range(plan.chunks) if n not in found)
-        with closing(_evaluated(study, chunks, workers, scheduler, notify)) as results:
+        progress(count, plan.designs)
+        chunks = (Item(n, plan.points(plan.range(n))) for n in range(plan.chunks) if n not in found)
+        with closing(done(partial(evaluate, study), chunks, workers, scheduler, notify)) as results:
             for chunk, answers in results:
                 designs = plan.range(chunk.number)
-                store.put(chunk.number, tabulate(form, kinds, designs, chunk.values, answers))
-                done += len(designs)
-                progress(done, plan.designs)
+                store.put(chunk.number, tabulate(form, kinds, designs, chunk.of, answers))
+                count += len(designs)
+                progress(count, plan.designs)
         store.finish(plan.chunks, summary.look)
     return SweepResult(
         title=study.title, out=out, designs=plan.designs, resumed=resumed, rows=summary.rows,
@@ -117,13 +117,3 @@ def _plan(study: Study) -> Plan:
     plan = Plan(study.sweep)
     check(study, plan)
     return plan
-
-
-def _evaluated(study: Study, chunks: Iterable[Chunk], workers: int, scheduler: str | None, notify: Tell) -> Done:
-    """Chunks with their answers, evaluated in this process, in others or on a cluster."""
-    if scheduler is not None:
-        yield from on_cluster(study, chunks, scheduler, notify)
-    elif workers > 1:
-        yield from in_processes(study, chunks, workers)
-    else:
-        yield from ((chunk, evaluate(study, chunk.values)) for chunk in chunks)

@@ -8,7 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from piezoharvest.output import OutputError, atomic, check_directory, writing
+from piezoharvest.output import atomic, check_directory, writing
+from piezoharvest.workers.lock import locked
 
 if TYPE_CHECKING:
     import pyarrow
@@ -76,7 +77,7 @@ class Store:
             The folder cannot be written to, or another process is using it.
         """
         check_directory(self.folder, create=True)
-        with _locked(self.folder / "lock"):
+        with locked(self.folder / "lock", f"{self.folder}: another sweep is writing the same file"):
             schemas = {path: _schema_of(path) for path in self._parts()}
             own = {p for p, found in schemas.items() if found and found.equals(self._marked, check_metadata=True)}
             useless = schemas.keys() - own
@@ -157,22 +158,6 @@ def _schema_of(path: Path) -> pyarrow.Schema | None:
             return pa.ipc.open_file(source).schema
     except pa.ArrowInvalid:
         return None
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Lock on a file, released by the system even if the process is killed; no lock on systems without them."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with path.open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise OutputError(f"{path.parent}: another sweep is writing the same file") from None
-        yield
 
 
 @contextmanager

@@ -31,7 +31,8 @@ from sweep_studies import (
 
 from piezoharvest import __version__
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.sweep import cluster, sweep
+from piezoharvest.sweep import sweep
+from piezoharvest.workers import cluster
 
 # A chunk takes long beside a question to the scheduler, so that a worker is met at work.
 NOISY = NOISE.replace("duration = 0.15", "duration = 6.0")
@@ -131,7 +132,7 @@ WAIT = 0.5  # s
 HASTY = f"""\
 import sys
 from piezoharvest.cli import main
-from piezoharvest.sweep import cluster
+from piezoharvest.workers import cluster
 cluster._TIMEOUT = {WAIT}
 sys.exit(main(sys.argv[1:]))
 """
@@ -244,13 +245,13 @@ def test_another_version_on_the_workers_is_refused(dask, tmp_path, monkeypatch):
 
 
 def test_a_worker_looks_at_the_version_before_the_study():
-    version, answers = cluster._evaluate("99.0", b"not to be read", np.empty((1, 1)))
+    version, answers = cluster._worked("99.0", b"not to be read", np.empty((1, 1)))
     assert (version != "99.0", answers) == (True, None)
     with pytest.raises(pickle.UnpicklingError):
-        cluster._evaluate(version, b"not to be read", np.empty((1, 1)))
+        cluster._worked(version, b"not to be read", np.empty((1, 1)))
 
 
 def test_without_dask(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ParameterError, match=r"needs the package distributed, .*pip install 'piezoharvest\[cluster\]'"):
-        next(iter(cluster.on_cluster(study_of(tmp_path, LONG), [], "tcp://127.0.0.1:1", print)))
+        next(iter(cluster.on_cluster(print, [], "tcp://127.0.0.1:1", print)))

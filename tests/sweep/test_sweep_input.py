@@ -168,7 +168,7 @@ def test_workers_and_scheduler_are_one_or_the_other(refused):
 
 
 def test_no_scheduler_at_the_address(refused, monkeypatch):
-    monkeypatch.setattr("piezoharvest.sweep.cluster._TIMEOUT", 0.2)
+    monkeypatch.setattr("piezoharvest.workers.cluster._TIMEOUT", 0.2)
     address = "tcp://127.0.0.1:9"  # the discard service, which nobody runs
     found = f"--scheduler: no Dask scheduler answers at {address!r}, give the address of a running one"
     assert found in refused(STUDY + sweep_table(LOAD), "--out", "out.csv", "--scheduler", address)

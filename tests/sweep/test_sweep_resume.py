@@ -113,7 +113,7 @@ class TestProcess:
         assert (status, out) == (1, "")
         assert (
             err
-            == "piezoharvest: error: a worker process died (too little memory?); the same command resumes the sweep\n"
+            == "piezoharvest: error: a worker process died (too little memory?); the same command goes on from here\n"
         )
         sweep(study_of(tmp_path, LONG), tmp_path / "out.parquet")
         assert (tmp_path / "out.parquet").read_bytes() == through

@@ -1,4 +1,4 @@
-"""Evaluation of chunks on the workers of a Dask cluster."""
+"""Work on many items on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -11,27 +11,23 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from piezoharvest import __version__
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.study import Study
-from piezoharvest.sweep.evaluate import Answers, evaluate
-from piezoharvest.sweep.stream import Chunk, Done, stream
+from piezoharvest.workers.stream import Done, Item, Work, stream
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _KEY = "--scheduler"
 _TIMEOUT = 8.0  # s, to wait for a scheduler to answer, or to start listening
-_CHUNKS_PER_THREAD = 4  # chunks for each thread of the cluster
-_MIN_CHUNKS = 64  # chunks in progress at least, so that a cluster that scales with its load does
+_ITEMS_PER_THREAD = 4  # in progress for each thread of the cluster
+_MIN_ITEMS = 64  # in progress at least, so that a cluster that scales with its load does
 
 
-def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, notify: Callable[[str], object]) -> Done:
-    """Evaluate chunks of a sweep on a running Dask cluster, which reassigns those of a lost worker.
+def on_cluster(work: Work, items: Iterable[Item], address: str, notify: Callable[[str], object]) -> Done:
+    """Do the work on items on a running Dask cluster, which reassigns those of a lost worker.
 
     Raises
     ------
@@ -52,26 +48,24 @@ def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, notify: Call
         if not threads:
             notify(f"waiting for workers to join {address}")
         executor = client.get_executor(pure=False)
-        job = partial(_evaluate, __version__, pickle.dumps(study))
+        job = partial(_worked, __version__, pickle.dumps(work))
         try:
-            for chunk, (version, answers) in stream(
-                executor, job, chunks, max(_MIN_CHUNKS, _CHUNKS_PER_THREAD * threads)
-            ):
-                if answers is None:
+            for item, (version, result) in stream(executor, job, items, max(_MIN_ITEMS, _ITEMS_PER_THREAD * threads)):
+                if version != __version__:
                     raise _refused(f"piezoharvest {version} on a worker")
-                yield chunk, answers
+                yield item, result
         except (ImportError, AttributeError) as error:  # a package that is missing or too old to have this module
             raise _refused(f"a worker that cannot load this package ({error})") from None
         except (CancelledError, KilledWorker, OSError) as error:
             lost = f"the cluster at {address} was lost ({type(error).__name__})"
-            raise OSError(f"{lost}; the same command resumes the sweep") from None
+            raise OSError(f"{lost}; the same command goes on from here") from None
         finally:
             executor.shutdown(wait=False)
 
 
-def _evaluate(version: str, study: bytes, values: np.ndarray) -> tuple[str, Answers | None]:
-    """Run on a worker: its version of the package, and the answers if that is the version of the sweep."""
-    return __version__, evaluate(pickle.loads(study), values) if version == __version__ else None
+def _worked(version: str, work: bytes, of: Any) -> tuple[str, Any]:
+    """Run on a worker: its version of the package, and the result if that is the version of the sender."""
+    return __version__, pickle.loads(work)(of) if version == __version__ else None
 
 
 def _refused(found: str) -> ParameterError:

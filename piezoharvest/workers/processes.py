@@ -1,4 +1,4 @@
-"""Evaluation of chunks in processes of this machine."""
+"""Work on many items in processes of this machine."""
 
 from __future__ import annotations
 
@@ -9,30 +9,27 @@ import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing.connection import Connection
 
-from piezoharvest.study import Study
-from piezoharvest.sweep.evaluate import evaluate
-from piezoharvest.sweep.stream import Chunk, Done, stream
+from piezoharvest.workers.stream import Done, Item, Work, stream
 
 # Each process has one core to itself; several threads in it would only compete.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_CHUNKS_PER_PROCESS = 2  # chunks for each process, so that none waits for the next one
+_ITEMS_PER_PROCESS = 2  # so that none waits for the next one
 
 
-def start_early() -> None:
-    """Let a server import the modules of the worker processes, which are forked from it, while the study is read."""
+def start_early(*modules: str) -> None:
+    """Let a server import modules of the worker processes, which are forked from it, while input is read."""
     if _method() == "forkserver":
         from multiprocessing import forkserver
 
-        multiprocessing.set_forkserver_preload([evaluate.__module__, "piezoharvest.engine.batch"])
+        multiprocessing.set_forkserver_preload(list(modules))
         with _single_threaded():
             forkserver.ensure_running()
 
 
-def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
-    """Evaluate chunks of a sweep in a number of processes, each on one core.
+def in_processes(work: Work, items: Iterable[Item], workers: int) -> Done:
+    """Do the work on items in a number of processes, each on one core.
 
     Raises
     ------
@@ -44,9 +41,9 @@ def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
     with _single_threaded():
         pool = ProcessPoolExecutor(workers, context, begin_worker, (worker_end,))
         try:
-            yield from stream(pool, partial(evaluate, study), chunks, _CHUNKS_PER_PROCESS * workers)
+            yield from stream(pool, work, items, _ITEMS_PER_PROCESS * workers)
         except BrokenExecutor:
-            raise OSError("a worker process died (too little memory?); the same command resumes the sweep") from None
+            raise OSError("a worker process died (too little memory?); the same command goes on from here") from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             parent_end.close()
