@@ -61,8 +61,8 @@ class SpecimenRows(Protocol):
 
     Attributes
     ----------
-    one, time, drive, drive_rate : Row
-        The constant 1, time as a share of the record, the drive in its unit, and its rate.
+    one, time, elapsed, drive, drive_rate : Row
+        The constant 1, time as a share of the record and in s since it began, the drive in its unit, and its rate.
     x, u : Row
         Displacement (m) and velocity (m/s) of the first mode.
     q, v_t, v, i : Row
@@ -74,6 +74,7 @@ class SpecimenRows(Protocol):
     size: Any
     one: Row
     time: Row
+    elapsed: Row
     drive: Row
     drive_rate: Row
     x: Row

@@ -91,8 +91,8 @@ class Terms:
     drive : "force" or "base_acceleration"
     linearised : bool
         For small motions about rest, in which powers and products have no influence.
-    passes : bool
-        Time passes from the beginning of a record to its end, for effects that change during it.
+    record : float, optional
+        Length of the run in s, for effects that change during a record; without it no time passes.
     size : (float, float), optional
         Amplitude and frequency of the drive, for effects that depend on these.
     absent : bool
@@ -102,7 +102,7 @@ class Terms:
 
     Attributes
     ----------
-    one, time, drive, drive_rate, x, u, q, v_t, v, i, strain_charge : Row
+    one, time, elapsed, drive, drive_rate, x, u, q, v_t, v, i, strain_charge : Row
         As in `predict.record_model.RecordModel`.
     states : list of State
         States of effects.
@@ -131,11 +131,11 @@ class Terms:
     further: Mapping[str, Row] = MappingProxyType({})
 
     def __init__(
-        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
+        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, record: float | None = None,
         size: Any = None, absent: bool = False, loaded: bool = True,
     ) -> None:  # fmt: skip
         self.transducer, self.drive_name, self.size = transducer, drive, size
-        self._linearised, self._passes, self._absent, self._loaded = linearised, passes, absent, loaded
+        self._linearised, self._passes, self._absent, self._loaded = linearised, record is not None, absent, loaded
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
         self.stops: list[StopElement] = []
@@ -150,6 +150,7 @@ class Terms:
         moved = [rows[f"x{n}"] for n in range(1, len(transducer.all_modes) + 1)]
         self.strain_charge = strain_charge(transducer.all_modes, moved, self.nothing)
         self.time, self.drive_rate = self._column("time"), self.nothing
+        self.elapsed = (record or 0.0) * self.time
         self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
         self.stored: list[Product] = []
         self.losses: list[tuple[str, Product]] = []

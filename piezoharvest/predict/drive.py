@@ -47,20 +47,24 @@ class PolynomialDrive(NamedTuple):
 
 
 def size_of(values: np.ndarray, sample_time: float) -> RecordSizes:
-    """Amplitude of a drive, half of its range, and the frequency in Hz of its strongest line; zero where it is still.
+    """Amplitude of a drive, half of its range, frequency in Hz of its strongest line, and length in s.
+
+    The frequency is zero where the drive is still.
 
     The line is interpolated in a windowed spectrum (Harris, Proc. IEEE 66(1), 51-83, 1978), and refined by the fit of a
     sine (IEEE Std 1057, 2017, annex B) where that stays within a line of it.
     """
+    lasts = sample_time * (len(values) - 1)
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     peak = int(np.argmax(power)) if len(power) > 2 else 0
     if not 0 < peak < len(power) - 1 or not np.all(power[peak - 1 : peak + 2] > 0.0):
-        return RecordSizes(0.5 * float(np.ptp(values)), 0.0)
+        return RecordSizes(0.5 * float(np.ptp(values)), 0.0, length=lasts)
     a, b, c = np.log(power[peak - 1 : peak + 2])
     line = peak + (0.5 * (a - c) / (a - 2.0 * b + c) if a + c < 2.0 * b else 0.0)
     length = len(values) * sample_time
     found = _refined(values, sample_time, line / length)
-    return RecordSizes(0.5 * float(np.ptp(values)), found if abs(found * length - line) < 1.0 else float(line / length))
+    frequency = found if abs(found * length - line) < 1.0 else float(line / length)
+    return RecordSizes(0.5 * float(np.ptp(values)), frequency, length=lasts)
 
 
 def _refined(values: np.ndarray, sample_time: float, frequency: float) -> float:

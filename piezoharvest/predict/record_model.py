@@ -16,7 +16,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.effects.nameless.curves import CODES
-from piezoharvest.description.effects.nameless.sizes import RecordSizes
+from piezoharvest.description.effects.nameless.sizes import RecordSizes, length_of
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
 from piezoharvest.description.transducer import Transducer
@@ -172,6 +172,7 @@ class RecordModel:
         self._loaded = shunt is None or shunt.loaded
         self._used = 0
         self.drive, self.drive_rate, self.one, self.time = (self._column() for _ in INPUTS)
+        self.elapsed = length_of(self.size) * self.time
         self._states: list[tuple[str, Row, Row, complex]] = []
         self._signals: list[Row] = []
         self._equations: list[Row] = []

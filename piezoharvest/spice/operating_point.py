@@ -138,9 +138,10 @@ def estimate_operating_point(
         # A sudden load displaces a mode twice as far as a slow one.
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(system, excitation.base, w, a) for w, a in tones)
-    passes = excitation.period is None
+    # An endless signal without a period is refused with its length, below.
+    record = None if excitation.period is not None else excitation.length or 0.0
     drive, loaded = "base_acceleration" if excitation.base else "force", system.shunt.loaded
-    terms = Terms(transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
+    terms = Terms(transducer, drive, record=record, size=excitation.size, loaded=loaded)
     begins = start.values if start else _rest(system, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0
     shunt, taken = system.shunt, system.shunt.taken

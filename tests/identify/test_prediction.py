@@ -352,7 +352,7 @@ def test_derivatives_of_tables_whose_inputs_outputs_reach(name, null):
 def test_derivatives_of_two_effects_at_null_that_multiply_rows_of_zero():
     """Such rows are alike but for their derivatives: each is an input of its own."""
     table = Law(place=Coupling(), form=Bends(knots=(0.0, -0.0), kinks=(0.0, 0.0)))
-    gain = Law(place=GainOverTime("displacement"), form=StepChange(factor=0.0, at=0.5, width=0.02))
+    gain = Law(place=GainOverTime("displacement"), form=StepChange(factor=0.0, at=0.1, width=0.004))  # s
     device = replace(build_transducer(BEAM), effects=(table, gain))
     force = 0.02 * np.sin(np.arange(200) / 5.0)
     parameters = [*law_parameters(table, 0), Parameter(("effects", 1, "form", "factor"), "", "linear", -1.0, 1.0)]

@@ -50,7 +50,7 @@ class Discovery:
     form : str
     parameters : mapping of str to (value, std, unit)
     input, value, std : (n,) array
-        The curve over the visited range in SI units, and its standard error; time is a share of each record.
+        The curve over the visited range in SI units, and its standard error; time is that since a record began.
     gain : float
         Share of the validation error above the noise that it removes.
     p_value : float

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezoharvest.description.effects.nameless.circuit_places import has_dc_load, has_diodes, has_loop
-from piezoharvest.description.effects.nameless.sizes import SIZES
+from piezoharvest.description.effects.nameless.sizes import SIZES, length_of
 from piezoharvest.description.shunts import SeriesSSHI
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -21,7 +21,7 @@ Visited = Mapping[str, np.ndarray]
 
 
 def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
-    """Samples of every input over all records, free of the noise of sensors; time as a share of each record."""
+    """Samples of every input over all records, free of the noise of sensors; time since each record began, in s."""
     parts: dict[str, list[np.ndarray]] = {}
     every = inputs_of_records(problem, found)
     for _, inputs in every:
@@ -61,12 +61,13 @@ def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.nda
     sizes = data.setting.size
     currents = _currents_of_parts(data, found, signals)
     share = np.linspace(0.0, 1.0, len(data))
+    time = length_of(sizes) * share
     if sizes is None:
-        return {**signals, **rates, **currents, "time": share}
+        return {**signals, **rates, **currents, "time": time}
     over = {name: np.full(len(data), getattr(sizes, name)) for name in SIZES}
     over["campaign_time"] = sizes.begin + sizes.length * share
     known = {name: values for name, values in over.items() if np.all(np.isfinite(values))}
-    return {**signals, **rates, **currents, **known, "time": share}
+    return {**signals, **rates, **currents, **known, "time": time}
 
 
 def _currents_of_parts(data: Data, found: Fit, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

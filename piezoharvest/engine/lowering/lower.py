@@ -72,8 +72,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
         raise ParameterError("transducer.modes", message)
-    passes, loaded = record is not None, system.shunt.loaded
-    terms = Terms(system.transducer, drive, passes=passes, size=excitation.size, loaded=loaded)
+    terms = Terms(system.transducer, drive, record=record, size=excitation.size, loaded=system.shunt.loaded)
     layout = Layout(system, terms, signal, preloaded=bool(np.any(excitation.rest)))
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.electrode.capacitance

@@ -122,8 +122,7 @@ def data_of(record: Record, transducer: Transducer, levels: Mapping[str, float] 
         return data
     signal = record.signals.get("displacement")
     moved = np.nan if signal is None else float(np.sqrt(2.0) * np.std(record["displacement"]))
-    length = data.setting.sample_time * (len(record) - 1)
-    known = size._replace(displacement_amplitude=moved, begin=record.start_time, length=length)
+    known = size._replace(displacement_amplitude=moved, begin=record.start_time)
     return replace(data, setting=replace(data.setting, size=known))
 
 

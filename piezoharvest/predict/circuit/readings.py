@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.numbers import Numbers
-from piezoharvest.description.effects.nameless.sizes import RecordSizes
+from piezoharvest.description.effects.nameless.sizes import RecordSizes, length_of
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.parameters import STEP
 from piezoharvest.predict.prediction import PredictionError
@@ -60,6 +60,7 @@ class Readings(Numbers):
         self.x, self.u, self.v, self.i = (true[name] for name in NEEDED)
         self.further = true
         self.drive, self.time, self._step = samples.drive, samples.time, samples.step
+        self.elapsed = length_of(samples.size) * samples.time
         self.drive_rate = np.gradient(self.drive, self._step) if len(self.drive) > 1 else 0.0 * self.drive
         self.one = np.ones_like(self.x)
         self.v_t, self.q = self.v, 0.0 * self.x

@@ -283,6 +283,6 @@ def law_figure(law: Discovery) -> Figure:
     axes.plot(fx * x, fy * y, color=style.PALETTE[0])
     axes.axhline(0.0, color=style.MUTED, linewidth=0.7)
     name = place.input.replace("_", " ")
-    axes.set_xlabel(f"{name} ({x_unit})" if x_unit else f"{name} (share of the record)")
+    axes.set_xlabel(f"{name} ({x_unit})" if x_unit else name)
     axes.set_ylabel(f"added at the {style.plain(place.name.replace('.', ' of '))}" + (f" ({y_unit})" if y_unit else ""))
     return figure

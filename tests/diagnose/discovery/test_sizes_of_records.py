@@ -40,9 +40,9 @@ def changed(parameter, factor, *effects):
 def test_over_the_time_of_a_campaign_a_record_begins_with_what_has_changed_before_it(parameter):
     per_second, begin = 0.05, 3.0
     law = Law(place=OverTime(parameter, "campaign_time"), form=Line(factor=per_second))
-    found = predicted(Transducer(**BEAM, effects=(law,)), begin=begin, length=LENGTH)
+    found = predicted(Transducer(**BEAM, effects=(law,)), begin=begin)
     before = per_second * begin
-    rest = Law(place=OverTime(parameter), form=Line(factor=per_second * LENGTH / (1.0 + before)))
+    rest = Law(place=OverTime(parameter), form=Line(factor=per_second / (1.0 + before)))
     wanted, without = predicted(changed(parameter, before, rest)), predicted(Transducer(**BEAM))
     # A change over time acts as a straight line between samples, the other way for less of it: of second order.
     assert np.all(np.abs(found - wanted).max(axis=0) < 1e-4 * np.abs(without - wanted).max(axis=0))

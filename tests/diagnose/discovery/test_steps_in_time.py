@@ -27,8 +27,8 @@ def test_an_offset_that_comes_on(seed):
     assert (law.place.name, law.place.input) == ("reading.voltage", "time")
     assert isinstance(law.form, StepChange)
     assert law.form.factor == pytest.approx(OFFSET, rel=0.03)
-    assert law.form.at == pytest.approx(AT / DURATION, rel=2e-3)
-    assert law.form.width == pytest.approx(WIDTH / DURATION, rel=0.2)
+    assert law.form.at == pytest.approx(AT, rel=2e-3)
+    assert law.form.width == pytest.approx(WIDTH, rel=0.2)
     assert discovery.gain > 0.95
 
 

@@ -19,7 +19,7 @@ from piezoharvest.description.shunts.base import Shunt
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
-    "voltage": "V", "current": "A", "dc_voltage": "V", "dc_current": "A", "time": "", "amplitude": "",
+    "voltage": "V", "current": "A", "dc_voltage": "V", "dc_current": "A", "time": "s", "amplitude": "",
     "frequency": "Hz", "displacement_amplitude": "m", "campaign_time": "s", "diode_current": "A", "loop_current": "A",
 }  # fmt: skip
 CHANNELS = (
@@ -31,7 +31,7 @@ INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time", "camp
 
 
 def input_unit(name: str) -> str:
-    """Unit of an input by its name: that of a channel, of its rate, or of time as a share of the record.
+    """Unit of an input by its name: that of a channel or of its rate, s of time since the record began.
 
     An amplitude is in the unit of the record's drive.
     """
@@ -49,7 +49,7 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
         return sizes.begin * specimen.one + sizes.length * specimen.time
     rows = {
         "displacement": specimen.x, "velocity": specimen.u, "displacement_rate": specimen.u, "voltage": specimen.v,
-        "current": specimen.i, "time": specimen.time, specimen.drive_name: specimen.drive,
+        "current": specimen.i, "time": specimen.elapsed, specimen.drive_name: specimen.drive,
         f"{specimen.drive_name}_rate": specimen.drive_rate,
     }  # fmt: skip
     return rows.get(name, specimen.further.get(name))

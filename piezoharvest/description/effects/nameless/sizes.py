@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Any, NamedTuple
 
 
@@ -27,6 +28,12 @@ class RecordSizes(NamedTuple):
     displacement_amplitude: float = float("nan")
     begin: float = float("nan")
     length: float = float("nan")
+
+
+def length_of(size: RecordSizes | None) -> float:
+    """Length of a record in s; of one whose length is not known, nothing is asked that depends on it: one second."""
+    length = float("nan") if size is None else float(RecordSizes(*size).length)
+    return 1.0 if isnan(length) else length
 
 
 SIZES = RecordSizes._fields[:3]  # inputs of laws; the rest says when in the campaign the record was

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -32,9 +33,19 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.prediction import PredictionError
 
 
-def known_effects(law: Law, device: Transducer) -> Iterator[Effect]:
-    """Effects of the library that a law is a special case of, with the values that follow from its own."""
+def known_effects(law: Law, device: Transducer, longest: float = 1.0) -> Iterator[Effect]:
+    """Effects of the library that a law is a special case of, with the values that follow from its own.
+
+    Parameters
+    ----------
+    law : Law
+    device : Transducer
+    longest : float
+        Length of the longest record, s: `coupling_drift` is told by what it comes to over a record.
+    """
     make = _MADE.get(law.place.name)
+    if law.place.name == "parameter.coupling":
+        make = partial(_drift, longest=longest)
     if make is None and isinstance(law.place, Reading):
         make = _of_reading
     try:
@@ -74,9 +85,9 @@ def _electrodes(law: Law, device: Transducer) -> Iterator[Effect]:
         yield Leakage(resistance=1.0 / law.form.factor)
 
 
-def _drift(law: Law, device: Transducer) -> Iterator[Effect]:
+def _drift(law: Law, device: Transducer, *, longest: float) -> Iterator[Effect]:
     if isinstance(law.form, Line) and law.place.input == "time" and not law.form.start:
-        yield CouplingDrift(relative_drift=law.form.factor)
+        yield CouplingDrift(relative_drift=law.form.factor * longest)
 
 
 def _of_reading(law: Law, device: Transducer) -> Iterator[Effect]:
@@ -94,7 +105,6 @@ def _of_reading(law: Law, device: Transducer) -> Iterator[Effect]:
 
 _MADE: dict[str, Callable[[Law, Transducer], Iterator[Effect]]] = {
     "spring": _spring, "capacitor": _capacitor, "coupling": _coupling, "electrodes": _electrodes,
-    "parameter.coupling": _drift,
 }  # fmt: skip
 
 
@@ -103,7 +113,7 @@ def named(problem: Problem, best: LawFit) -> Fit | None:
     if isinstance(best.form, TABLES):
         return None
     bare = without_law(problem, best)
-    for effect in known_effects(best.law, best.found.model.transducer):
+    for effect in known_effects(best.law, best.found.model.transducer, float(best.visited.max())):
         first = len(bare.model.transducer.effects)
         own = effect_parameters([effect], first)
         model = extended(bare.model, [effect], own)
