@@ -32,7 +32,7 @@ def takes_diode_curve(cls: type[Shunt]) -> bool:
     return issubclass(cls, Bridge) and not issubclass(cls, ElectronicBreaker)
 
 
-class Pieces(NamedTuple):
+class PieceNumbers(NamedTuple):
     """Numbers of the pieces on which parts are; that of the switch has the sign of its current."""
 
     diode: int = 0
@@ -70,7 +70,7 @@ class Curved(ExtendedCircuit):
 
     In a piece a diode is one with another drop and resistance, and so is the closed switch, for the direction of its
     current; a load takes a constant current beside another conductance. A configuration is named after the pieces with
-    that of the circuit behind them, as in "2,-1,0 closed+" (`Pieces`).
+    that of the circuit behind them, as in "2,-1,0 closed+" (`PieceNumbers`).
     """
 
     diode: VoltageCurve | None
@@ -127,11 +127,11 @@ class Curved(ExtendedCircuit):
         """Whether the switch is closed in a configuration of the circuit."""
         return self.circuit.opened(own) != own
 
-    def _pieces(self, own: str) -> list[Pieces]:
+    def _pieces(self, own: str) -> list[PieceNumbers]:
         """Pieces of all parts in a configuration of the circuit."""
         load = range(self.load.pieces) if self.load is not None else (0,)
         each = product(self._diode_pieces(own), self._switch_pieces(own), load)
-        return [Pieces(*pieces) for pieces in each]
+        return [PieceNumbers(*pieces) for pieces in each]
 
     def _diode_pieces(self, own: str) -> Sequence[int]:
         """Pieces of the diodes in a configuration of the circuit."""
@@ -143,14 +143,14 @@ class Curved(ExtendedCircuit):
             return (0,)
         return range(1 - self.closed_switch.pieces, self.closed_switch.pieces)
 
-    def _kept(self, pieces: Pieces, own: str) -> str:
+    def _kept(self, pieces: PieceNumbers, own: str) -> str:
         """Configuration in which that of the circuit has changed: pieces stay as far as it has them, else the first."""
         diode = pieces.diode if pieces.diode in self._diode_pieces(own) else 0
         switch = pieces.switch if pieces.switch in self._switch_pieces(own) else 0
         return _named(pieces._replace(diode=diode, switch=switch), own)
 
     def _along_switch(
-        self, curve: VoltageCurve, pieces: Pieces, own: str, port: Port, z: SimpleNamespace
+        self, curve: VoltageCurve, pieces: PieceNumbers, own: str, port: Port, z: SimpleNamespace
     ) -> list[Guard]:
         """Guards that lead to the next piece of the switch's curve and back."""
         switch = pieces.switch
@@ -161,13 +161,13 @@ class Curved(ExtendedCircuit):
             for piece, rises in _between(curve, abs(switch), side * z.current, port)
         ]
 
-    def _load_voltage(self, pieces: Pieces, own: str, port: Port, z: SimpleNamespace) -> Row:
+    def _load_voltage(self, pieces: PieceNumbers, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the load: that of the capacitor, with what its current makes of the resistance in series."""
         if not np.any(self.circuit.smoothing_resistance):
             return z.dc
         return z.dc + self.circuit.dc_resistance * charging_current(self._at(pieces), own, port, z)
 
-    def _at(self, pieces: Pieces) -> Any:
+    def _at(self, pieces: PieceNumbers) -> Any:
         """The circuit with its parts as they are in their pieces."""
         found = copy.copy(self.circuit)
         if self.diode is not None:
@@ -180,20 +180,20 @@ class Curved(ExtendedCircuit):
         return found if self.load is None else found.supplying(*self.load.piece(pieces.load))
 
 
-def _named(pieces: Pieces, own: str) -> str:
+def _named(pieces: PieceNumbers, own: str) -> str:
     """Configuration with the numbers of pieces, that of the switch signed by its current."""
     diode, switch, load = pieces
     return f"{diode},{f'{switch:+d}' if switch else '0'},{load} {own}"
 
 
-def _split(configuration: str) -> tuple[Pieces, str]:
+def _split(configuration: str) -> tuple[PieceNumbers, str]:
     """Pieces of the parts, and the configuration of the circuit."""
     pieces, own = configuration.split(" ", 1)
-    return Pieces(*map(int, pieces.split(","))), own
+    return PieceNumbers(*map(int, pieces.split(","))), own
 
 
 def _between(curve: BrokenLine, piece: int, place: Row, port: Port) -> Iterator[tuple[int, Row]]:
-    """Pieces beside one, with what rises through zero as the place goes there."""
+    """PieceNumbers beside one, with what rises through zero as the place goes there."""
     if piece + 1 < curve.pieces:
         yield piece + 1, place - curve.places[piece + 1] * port.one
     if piece:
