@@ -107,22 +107,26 @@ def diagnose_fleet(
     partly = out.with_name(f"{out.name}.partial")
     with locked(partly, f"{out}: another process is writing the same table"), _not_left_empty(partly):
         marks = {str(path.relative_to(folder)): fingerprint(path, own) for path in files}
-        known = _known(out, partly, marks)
+        complete = _rows(out)
+        if out.exists() and not any(FINGERPRINT in row for row in complete):
+            notify(f"{out} holds no table of verdicts, and will be replaced by one")
+        known = _same([*complete, *_lines(partly)], marks)
         if known:
             notify(f"{len(known)} of {len(files)} campaigns have their verdicts already")
         count, paths = len(known), {str(path.relative_to(folder)): path for path in files}
         progress(count, len(files))
         names = [name for name in marks if name not in known]
         items = (Item(n, paths[name].resolve()) for n, name in enumerate(names))
-        with partly.open("w", encoding="utf-8") as kept:
-            _keep(kept, known.values())
-            with closing(done(partial(diagnosed, own), items, workers, scheduler, notify)) as results:
-                for item, row in results:
-                    name = names[item.number]
-                    known[name] = {"campaign": name, **row, FINGERPRINT: marks[name]}
-                    _keep(kept, [known[name]])
-                    count += 1
-                    progress(count, len(files))
+        work = partial(diagnosed, own)
+        with _added_to(partly) as kept, closing(done(work, items, workers, scheduler, notify)) as results:
+            for item, row in results:
+                name = names[item.number]
+                known[name] = {"campaign": name, **row, FINGERPRINT: marks[name]}
+                kept.write(json.dumps(known[name], allow_nan=False) + "\n")
+                kept.flush()
+                os.fsync(kept.fileno())
+                count += 1
+                progress(count, len(files))
         rows = [known[name] for name in marks]
         write_text(_table(rows, out.suffix.lower()), out)
         partly.unlink()
@@ -143,17 +147,20 @@ def _ignore(*what: object) -> None:
     pass
 
 
-def _keep(file: TextIO, rows: Iterable[Row]) -> None:
-    """Add rows to the file of those that are done."""
-    file.write("".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    file.flush()
-    os.fsync(file.fileno())
+@contextmanager
+def _added_to(partly: Path) -> Iterator[TextIO]:
+    """The file of verdicts that are done, to add lines to it: what is there stays, and a line that was cut off ends."""
+    partly.touch()
+    whole = not partly.stat().st_size or partly.read_bytes().endswith(b"\n")
+    with partly.open("a", encoding="utf-8") as file:
+        file.write("" if whole else "\n")
+        yield file
 
 
-def _known(out: Path, partly: Path, marks: dict[str, str]) -> dict[str, Row]:
+def _same(rows: Iterable[Row], marks: dict[str, str]) -> dict[str, Row]:
     """Rows of earlier runs that are of these campaigns as they are now, by campaign."""
-    rows = [*_rows(out), *_lines(partly)]
-    return {row["campaign"]: row for row in rows if marks.get(row.get("campaign", "")) == row.get(FINGERPRINT, "")}
+    of_fleet = (row for row in rows if isinstance(row.get("campaign"), str) and row.get(FINGERPRINT))
+    return {row["campaign"]: row for row in of_fleet if marks.get(row["campaign"]) == row[FINGERPRINT]}
 
 
 def _rows(out: Path) -> list[Row]:
@@ -163,7 +170,7 @@ def _rows(out: Path) -> list[Row]:
             return _lines(out)
         with out.open(encoding="utf-8", newline="") as file:
             return [{name: _value(name, text) for name, text in row.items() if name} for row in csv.DictReader(file)]
-    except (OSError, UnicodeDecodeError, csv.Error):
+    except (OSError, ValueError, csv.Error):
         return []
 
 
@@ -178,14 +185,19 @@ def _value(name: str, text: str | None) -> object:
 
 def _lines(path: Path) -> list[Row]:
     """Rows of a file of JSON lines; one that was cut off is none."""
-    rows = []
     try:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            row = json.loads(line)
-            rows += [row] if isinstance(row, dict) else []
-    except (OSError, ValueError):
-        pass
-    return rows
+        rows = [_line(text) for text in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    except OSError:
+        return []
+    return [row for row in rows if isinstance(row, dict)]
+
+
+def _line(text: str) -> object:
+    """What a line holds; None if it is no JSON."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None
 
 
 def _table(rows: list[Row], suffix: str) -> str:

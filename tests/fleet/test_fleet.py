@@ -89,6 +89,8 @@ def test_it_goes_on_where_it_was_stopped(fleet, calls, tmp_path, monkeypatch):
     assert not out.exists()
     assert [json.loads(line)["campaign"] for line in kept.read_text().splitlines()] == NAMES[:2]
     kept.write_text(kept.read_text() + '{"campaign": "c.toml", "verd')  # cut off by a kill
+    with pytest.raises(KeyboardInterrupt):
+        diagnose_fleet(fleet, out)  # which loses nothing of what there is
     del calls[:]
     monkeypatch.setattr(run, "diagnosed", work)
     assert diagnose_fleet(fleet, out).resumed == 2
@@ -97,7 +99,16 @@ def test_it_goes_on_where_it_was_stopped(fleet, calls, tmp_path, monkeypatch):
     assert not kept.exists()
 
 
-def test_a_table_of_something_else_is_replaced(fleet, calls, tmp_path):
+@pytest.mark.parametrize("suffix", ["csv", "jsonl"])
+@pytest.mark.parametrize("text", ["a,b\n1,x\n", '[1]\n{"campaign": ["x"]}\n', "\x00\xff", ""])
+def test_a_file_of_something_else_is_replaced_and_that_is_said(fleet, calls, tmp_path, text, suffix):
+    out, said = tmp_path / f"verdicts.{suffix}", []
+    out.write_text(text, encoding="latin-1")
+    assert diagnose_fleet(fleet, out, notify=said.append).resumed == 0
+    assert said == [f"{out} holds no table of verdicts, and will be replaced by one"]
+
+
+def test_rows_of_another_state_of_a_campaign_are_not_kept(fleet, calls, tmp_path):
     out = tmp_path / "verdicts.csv"
     out.write_text("campaign,fingerprint\na/campaign.toml,0\n")
     assert diagnose_fleet(fleet, out).resumed == 0
