@@ -67,12 +67,12 @@ def test_a_record_in_which_a_parameter_changes_is_predicted(parameter):
 def test_a_gain_that_changes_is_a_share_of_what_the_sensor_shows():
     time, true = motion(0.3, (60.0, 130.0), SHORT, {}, 0.0)
     setting = replace(setting_of("force", Resistor(resistance=LOAD), 1.0 / RATE, true["force_N"]), fine=8)
-    law = Law(place=GainOverTime("displacement"), form=StepChange(factor=0.1, at=0.4, width=0.05))
+    law = Law(place=GainOverTime("displacement"), form=StepChange(factor=0.1, at=0.12, width=0.015))
     shown, plain = (
         next(Prediction(Transducer(**TRUE, effects=e), setting).blocks(False, channels=["displacement"])).values[:, 0]
         for e in ((law,), ())
     )
-    assert shown == pytest.approx(plain * (1.0 + law.form.values(time / time[-1])), rel=1e-9, abs=1e-15)
+    assert shown == pytest.approx(plain * (1.0 + law.form.values(time)), rel=1e-9, abs=1e-15)
     assert not law.of_specimen
 
 

@@ -74,14 +74,15 @@ def test_a_sensor_reads_what_a_law_adds_to_its_own_value(channel):
 
 
 def test_a_sensor_reads_another_channel_and_time():
-    true, time = values(prediction()), np.linspace(0.0, 1.0, 200)
+    true, time = values(prediction()), np.arange(200) / RATE
+    half = 0.5 * time[-1]
     crossed = Law(place=Reading("displacement", "voltage"), form=Knee(factor=1e-6, knee=1.0))
-    drifting = Law(place=Reading("voltage", "time"), form=Corners(knots=(0.0, 0.5), kinks=(1.0, -3.0)))
+    drifting = Law(place=Reading("voltage", "time"), form=Corners(knots=(0.0, half), kinks=(1.0, -3.0)))
     read = values(prediction(crossed, drifting))
     assert np.abs(true["voltage"]).max() > 2.0
     wanted = true["displacement"] + beyond(true["voltage"], 1.0, 1e-6)
     assert read["displacement"] == pytest.approx(wanted, abs=1e-15)
-    assert read["voltage"] == pytest.approx(true["voltage"] + time - 3.0 * np.maximum(time - 0.5, 0.0), abs=1e-12)
+    assert read["voltage"] == pytest.approx(true["voltage"] + time - 3.0 * np.maximum(time - half, 0.0), abs=1e-12)
 
 
 def test_a_state_of_a_sensor_is_refused_and_play_is_that_of_samples():
@@ -140,12 +141,12 @@ def test_a_knee_acts_on_the_specimen_as_in_another_integrator():
 
 def test_time_goes_into_products_as_a_factor_alone():
     device = Transducer(**BEAM)
-    terms = Terms(device, passes=True)
+    terms = Terms(device, record=0.5)
     once, half = terms.product(terms.time, terms.x), terms.product(0.5 * terms.time + 2.0 * terms.one, terms.x)
     assert len({element.power for element in terms.elements}) == 2
     assert np.array_equal(half[terms.columns["smooth1"]], 0.5 * once[terms.columns["smooth1"]])
     with pytest.raises(ParameterError, match="time by itself"):
-        Terms(put(device, ("effects",), (_bent_over_time(),)), passes=True)
+        Terms(put(device, ("effects",), (_bent_over_time(),)), record=0.5)
 
 
 def _bent_over_time():
