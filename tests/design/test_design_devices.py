@@ -8,6 +8,7 @@ import pytest
 from piezoharvest.description.excitation import SineBase, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, SeriesRL
+from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.system import System
@@ -74,6 +75,16 @@ def test_curves_of_one_template_are_those_of_all_that_can_have_them(host, run):
             "parallel_sshi", "series_sshi",
         }  # fmt: skip
     assert "rectifier: assumed diode_curve as in the study's parallel_sshi" in "\n".join(result.notes)
+
+
+def test_what_a_load_takes_beside_its_resistance_is_that_of_all_with_such_a_load(host, run):
+    """Without it, candidates of other kinds would feed another load."""
+    load = LoadCurve(voltages=(0.0, 2.0, 3.0), currents=(0.0, 0.0, 1e-4))
+    study = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5, load_curve=load)
+    result = run(host(0.025, 50), 50.3, shunts=[study], candidates=("rectifier", "parallel_sshi", "sece"))
+    found = shunts_of(result)
+    assert found["rectifier"].load_curve == found["parallel_sshi"].load_curve == load
+    assert "parallel_sshi: assumed load_curve as in the study's rectifier" in "\n".join(result.notes)
 
 
 def test_circuits_with_straight_diodes_have_those_of_the_curve_at_their_own_current(host, run):

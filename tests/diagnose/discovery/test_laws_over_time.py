@@ -9,6 +9,7 @@ from piezoharvest.description.effects import CouplingDrift
 from piezoharvest.description.effects.nameless.forms import Line, Power
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.places import OverTime, Reading
+from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import fitted
 from piezoharvest.diagnose.discovery.visited import visited_inputs
@@ -25,17 +26,22 @@ def reading(true):
     return DRIFT * np.sqrt(true["time_s"])
 
 
-def test_a_drift_is_the_same_in_records_of_different_lengths(tmp_path):
-    """As a share of the record it was another one in each: half of it was left in the shorter records."""
+@pytest.fixture(scope="module")
+def drifting(tmp_path_factory):
+    """Problem, fit without a law, and times of two records of different lengths in which a reading drifts."""
+    folder = tmp_path_factory.mktemp("drifting")
     drives = [Drive((0.02,), (frequency,)) for frequency in (48.0, 52.0, 50.0)]
-    nameless_campaign(
-        tmp_path, "beam", Laws(reading={"voltage": reading}), [(each, LOAD) for each in drives], rate=RATE
-    )
-    lines = (tmp_path / "r1.csv").read_text().splitlines(keepends=True)
-    (tmp_path / "r1.csv").write_text("".join(lines[: len(lines) // 3]))
-    campaign = load_campaign(tmp_path / "campaign.toml")
+    nameless_campaign(folder, "beam", Laws(reading={"voltage": reading}), [(each, LOAD) for each in drives], rate=RATE)
+    lines = (folder / "r1.csv").read_text().splitlines(keepends=True)
+    (folder / "r1.csv").write_text("".join(lines[: len(lines) // 3]))
+    campaign = load_campaign(folder / "campaign.toml")
     problem, base = Problem(prepared(campaign, "fit"), campaign.transducer, ()), identify(campaign).found
-    visited = visited_inputs(problem, base)["time"]
+    return problem, base, visited_inputs(problem, base)["time"]
+
+
+def test_a_drift_is_the_same_in_records_of_different_lengths(drifting):
+    """As a share of the record it was another one in each: half of it was left in the shorter records."""
+    problem, base, visited = drifting
     assert visited.max() == pytest.approx(2.0 - 1.0 / RATE)
     law = Law(place=Reading("voltage", "time"), form=Power(factor=-0.1, exponent=0.7, scale=1.0, odd=False))
     found = fitted(problem, base, law, visited)
@@ -43,6 +49,16 @@ def test_a_drift_is_the_same_in_records_of_different_lengths(tmp_path):
     assert form.factor / form.scale**form.exponent == pytest.approx(DRIFT, rel=0.01)
     assert form.exponent == pytest.approx(0.5, abs=0.01)
     assert mean_square(found.found) < 1.2 < 5.0 < mean_square(base)
+
+
+def test_a_step_comes_while_something_is_recorded(drifting):
+    """Outside of all records it is a constant; a fit that went there ended a diagnosis with "at: found -1.87e+90"."""
+    problem, base, visited = drifting
+    law = Law(place=Reading("voltage", "time"), form=StepChange(factor=0.1, at=1.9, width=0.01, finest=1e-3))
+    found = fitted(problem, base, law, visited).found.model
+    (moment,) = (p for p in found.parameters if p.path[-1] == "at")
+    assert (moment.lower, moment.upper) == (0.0, visited.max())
+    assert 0.0 <= found.transducer.effects[-1].form.at <= visited.max()
 
 
 @pytest.mark.parametrize("duration", [0.3, 0.6])
