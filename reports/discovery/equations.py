@@ -83,7 +83,7 @@ def play(x: np.ndarray, slack: float) -> np.ndarray:
 class Specimen:
     """Lumped parameters (kg, N s/m, N/m, N/V, F) and what is added to them; `slopes` of capacitor and coupling.
 
-    `laws` are functions of x, x', v or the time as a share of the record, by the name of the place; `product` is a
+    `laws` are functions of x, x', v or the time in s since the record began, by the name of the place; `product` is a
     force of x and x' together.
     """
 
@@ -118,9 +118,9 @@ def true_channels(
 
     def slopes(t: float, y: np.ndarray) -> tuple[float, float, float]:
         x, u, v = float(y[0]), float(y[1]), float(y[2])
-        coupling, share = on.coupling + coupled(x), t / duration
-        force = pushed(t) + coupling * v - on.damping * (1 + b_change(share)) * u - spring(x) - damper(u)
-        force -= on.stiffness * (1 + k_change(share)) * x + product(x, u)
+        coupling = on.coupling + coupled(x)
+        force = pushed(t) + coupling * v - on.damping * (1 + b_change(t)) * u - spring(x) - damper(u)
+        force -= on.stiffness * (1 + k_change(t)) * x + product(x, u)
         out = v / load + conduct(v) + drawn(v) + leaving(v)
         return u, force / on.mass, -(out + coupling * u) / (on.capacitance + charge(v))
 
@@ -134,7 +134,7 @@ def true_channels(
         raise ArithmeticError(run.message)
     x, u, v = run.y
     return {
-        "time": t / duration, "force": drive(t), "force_rate": drive.rate(t), "displacement": x,
+        "time": t, "force": drive(t), "force_rate": drive.rate(t), "displacement": x,
         "displacement_rate": u, "voltage": v, "current": v / load + conduct(v),
     }  # fmt: skip
 

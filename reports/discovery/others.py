@@ -59,7 +59,7 @@ def _signals(one: Residuals) -> np.ndarray:
     known = {name: data.record[name] - one.before[:, c] for c, name in enumerate(data.channels)}
     known[data.drive] = data.record[data.drive]
     known["velocity"] = np.gradient(known["displacement"], step)
-    known["time"] = np.linspace(0.0, 1.0, len(data))
+    known["time"] = step * np.arange(len(data))
     return np.column_stack([known[name] for name in SIGNALS])
 
 
