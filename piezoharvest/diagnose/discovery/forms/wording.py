@@ -140,7 +140,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
     if isinstance(form, Coulomb):
         return f"{form.factor:.4g} {unit} * sign({s})"
     if isinstance(form, StepChange):
-        come = f"tanh(({s} - {form.at:.7g}) / {form.width:.4g} {of}".rstrip()
+        come = f"tanh(({s} - {form.at:.7g} {of}) / {form.width:.4g} {of}"
         return f"{form.factor:.4g} {unit} * ({come}) + {form.before:.4g}) / 2"
     if isinstance(form, Shockley):
         rest = f" + {form.resistance:.4g} ohm * {s}" if form.resistance else ""
@@ -152,7 +152,7 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
         )
         line = f" - {s} / {form.scale / form.left_out:.4g} {of}".rstrip() if form.left_out else ""
         return f"{form.factor:.4g} {unit} * ({curve}{line})"
-    return f"table of {s} ({of or 'share of a record'}) to {unit or 'a relative change'}"
+    return f"table of {s} ({of or 'in the unit of the drive'}) to {unit or 'a relative change'}"
 
 
 def _remembered(memory: Memory | None, symbol: str, place: Place) -> str:
