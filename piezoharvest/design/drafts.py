@@ -42,8 +42,8 @@ _TUNED_UNITS = ("ohm", "H", "F")
 DIODE = ("diode_drop", "diode_resistance", "diode_leakage", "diode_saturation")
 COIL = ("switch_resistance", "core_resistance", "self_resonance")
 BESIDE = ("smoothing_resistance", "dc_leakage", "gate_energy", "control_power")
-# Tables, of diodes, of a switch and of its loop, and of what else is at the dc side beside a load resistance.
-CURVES = ("diode_curve", "switch_curve", "loop_sections", "load_curve")
+CURVES = ("diode_curve", "switch_curve", "loop_sections")  # tables, of diodes, of a switch and of its loop
+LOAD_CURVE = "load_curve"  # what else is at the dc side, beside a load resistance
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -346,8 +346,8 @@ class Drafting:
         found: dict[str, Component] = {}
         names = [CURVES[0]] if takes_diode_curve(cls) else []
         if "core_resistance" not in values and "self_resonance" not in values:
-            names += [name for name in CURVES[1:3] if name in cls.__dataclass_fields__]
-        names += [CURVES[3]] if "load_resistance" in values else []
+            names += [name for name in CURVES[1:] if name in cls.__dataclass_fields__]
+        names += [LOAD_CURVE] if "load_resistance" in values else []
         for name in names:
             shunt = next((shunt for shunt in self.templates if getattr(shunt, name, None) is not None), None)
             if shunt is not None:
@@ -377,10 +377,10 @@ class Drafting:
             if len(values) > 1:
                 each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
                 found.append(f"candidates are not compared with the same devices: {name} is {each}")
-        for name in CURVES:
+        for name in (*CURVES, LOAD_CURVE):
             have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
             have = [d for d in have if name != "diode_curve" or takes_diode_curve(type(d.shunt))]
-            have = [d for d in have if name != "load_curve" or getattr(d.shunt, "load_resistance", None) is not None]
+            have = [d for d in have if name != LOAD_CURVE or getattr(d.shunt, "load_resistance", None) is not None]
             if len({getattr(d.shunt, name) for d in have}) > 1:
                 without = ", ".join(d.kind for d in have if getattr(d.shunt, name) is None)
                 which = f"{without} without {name}" if without else f"{name} is another one in some"

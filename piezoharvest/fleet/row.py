@@ -12,6 +12,7 @@ from numpy.linalg import LinAlgError
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.effect_files import load_effects
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import silent
 from piezoharvest.study import StudyError
 
 if TYPE_CHECKING:
@@ -53,19 +54,17 @@ def diagnosed(effects: list[Path], path: Path) -> Row:
         row["title"], row["warnings"] = campaign.title, len(campaign.warnings)
         if not isinstance(campaign, Campaign):
             raise StudyError(path, "specimens", "found several specimens, which are diagnosed together, not in a fleet")
-        row |= _said(diagnose(campaign, _silent))
+        row |= _said(diagnose(campaign, silent))
     except (StudyError, ParameterError) as error:
         row["error"] = str(error)
     except PredictionError as error:
         row["error"] = f"{path}: the model cannot predict the records with its nominal values: {error}"
     except (ArithmeticError, LinAlgError) as error:
         row["error"] = f"{path}: the records cannot be computed with these nominal values ({error})"
+    except Exception as error:  # of one campaign, which would keep a batch from all those after it
+        row["error"] = f"{path}: internal error: {type(error).__name__}: {error}"
     known = {name: None if isinstance(each, float) and not math.isfinite(each) else each for name, each in row.items()}
     return {**known, "seconds": round(perf_counter() - begun, 1)}
-
-
-def _silent(text: str) -> None:
-    pass
 
 
 def _said(found: Diagnosis) -> Row:

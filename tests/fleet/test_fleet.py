@@ -17,6 +17,7 @@ from scipy.signal import lsim
 from piezoharvest import diagnose_fleet
 from piezoharvest.cli import main
 from piezoharvest.fleet import run
+from piezoharvest.fleet.row import diagnosed
 from piezoharvest.output import OutputError
 from piezoharvest.study import StudyError
 
@@ -112,6 +113,15 @@ def test_rows_of_another_state_of_a_campaign_are_not_kept(fleet, calls, tmp_path
     out = tmp_path / "verdicts.csv"
     out.write_text("campaign,fingerprint\na/campaign.toml,0\n")
     assert diagnose_fleet(fleet, out).resumed == 0
+
+
+def test_an_internal_error_in_one_campaign_is_told_in_its_row(tmp_path, monkeypatch):
+    """It would keep a batch from all campaigns after it."""
+    healthy(tmp_path, "one")
+    monkeypatch.setattr("piezoharvest.fleet.row._said", lambda found: {}["nothing"])
+    row = diagnosed([], tmp_path / "one" / "campaign.toml")
+    assert row["error"].endswith("internal error: KeyError: 'nothing'")
+    assert row["verdict"] is None
 
 
 def test_two_processes_do_not_write_the_same_table(fleet, calls, tmp_path):

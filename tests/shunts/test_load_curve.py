@@ -21,6 +21,8 @@ from piezoharvest import (
     Transducer,
     simulate,
 )
+from piezoharvest.description.catalogue.parts import parts
+from piezoharvest.description.diode import exponential_curve
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
@@ -128,14 +130,16 @@ def test_load_and_diodes_may_have_a_curve_each():
     [(Rectifier, None), (Doubler, None), (ParallelSSHI, None), (Rectifier, "BAT54"), (Doubler, "BAT54")],
 )
 def test_ngspice_agrees(kind, diodes):
+    part = diodes and parts("diode")[diodes]
+    law = part and exponential_curve(*(part[key] for key in ("saturation_current", "emission", "series_resistance")))
     shunt = kind(
-        **{**DC, "diode_drop": 0.2 if diodes is None else 0.25}, **KINDS[kind], load_resistance=LOAD,
+        **{**DC, "diode_drop": 0.0 if diodes else 0.2}, diode_curve=law, **KINDS[kind], load_resistance=LOAD,
         load_curve=LoadCurve(voltages=(0.0, 0.5, 1.0), currents=(0.0, 0.0, 3e-6)),
     )  # fmt: skip
     figures, trusted = compare(System(DEVICE, shunt), DRIVE, diodes=diodes)
     assert trusted
     for each in figures:
-        assert abs(each.difference) < (0.01 if diodes is None else 0.2), each.name
+        assert abs(each.difference) < 0.01, each.name
 
 
 WRONG = [

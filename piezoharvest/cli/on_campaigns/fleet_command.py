@@ -6,7 +6,6 @@ from pathlib import Path
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note, progress_of
-from piezoharvest.output import check_file
 
 MAX_ERRORS = 10  # printed one by one; all are in the table
 
@@ -17,7 +16,6 @@ def diagnose_fleet(
     """Diagnose all campaigns of a folder, write the table of verdicts and print how many there are of each."""
     from piezoharvest.workers.processes import start_early
 
-    check_file(out, (".csv", ".jsonl"))
     if workers > 1:
         start_early("piezoharvest.fleet.row", "piezoharvest.diagnose")
     from piezoharvest.fleet import diagnose_fleet as run
@@ -28,7 +26,8 @@ def diagnose_fleet(
                 folder, out, effects=effects, workers=workers, scheduler=scheduler, progress=progress, notify=note
             )
     except (KeyboardInterrupt, SystemExit):
-        note(f"verdicts so far are in {out}.partial: the same command goes on from there")
+        if Path(f"{out}.partial").exists():
+            note(f"verdicts so far are in {out}.partial: the same command goes on from there")
         raise
     if as_json:
         tables.print_json({"verdicts": dict(found.verdicts), "rows": list(found.rows)})
