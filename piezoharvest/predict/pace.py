@@ -35,7 +35,8 @@ class Pace(NamedTuple):
         # Nothing is added to the coefficients of an input, as there is no course.
         inputs, to_inputs = self.step.inputs.copy(), np.zeros((len(feed), size))
         inputs[m:], to_inputs[:m] = 0.0, self.direct
-        return self.step._replace(share=0.0, held=True, M=M, H=H, inputs=inputs, feed=feed), self.slopes._replace(
+        step = StepMatrices(self.step.h, 0.0, True, M, H, inputs, self.step.outputs, feed, *_coupled(feed))
+        return step, self.slopes._replace(
             M=_no_tangent(M.shape[1]), H=_no_tangent(H.shape[1]), added=_no_tangent(size - n),
             from_states=_sparse(M[:, :size]), from_elements=_sparse(H, n), to_inputs=_sparse(to_inputs),
             before_added=_sparse(np.zeros((len(feed) - m, size - n)), n),
@@ -83,7 +84,14 @@ def pace_of(
         _sparse(moved), _sparse(bent, n), _sparse(to_inputs), _sparse(outputs[:, :size]),
         _tangent(derivatives.O[np.flatnonzero(reached), n:size]), _sparse(before, n),
     )  # fmt: skip
-    return Pace(StepMatrices(h, share, False, M, H, free, outputs, feed), slopes, direct)
+    return Pace(StepMatrices(h, share, False, M, H, free, outputs, feed, *_coupled(feed)), slopes, direct)
+
+
+def _coupled(feed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`implicit`, `explicit` and `feeds` of `StepMatrices`."""
+    fed = feed != 0.0
+    reached = np.any(fed, axis=1)
+    return np.flatnonzero(reached), np.flatnonzero(~reached), np.any(fed.any(axis=0).reshape(3, -1), axis=0)
 
 
 def padded(slopes: np.ndarray) -> np.ndarray:

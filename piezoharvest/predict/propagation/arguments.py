@@ -54,6 +54,10 @@ class StepMatrices(NamedTuple):
         reach directly come behind the rates, for all s and then for all s^2.
     feed : (inputs, 3 elements) array
         Influence of `StepMemory.outputs` on the elements' inputs at the end of the step.
+    implicit, explicit : arrays of int
+        Inputs that outputs over the step reach, rows of `feed`, and the others, which are known beforehand.
+    feeds : (elements,) array of bool
+        The output over the step reaches inputs: it has to be found together with them.
     """
 
     h: float
@@ -64,6 +68,9 @@ class StepMatrices(NamedTuple):
     inputs: np.ndarray
     outputs: np.ndarray
     feed: np.ndarray
+    implicit: np.ndarray
+    explicit: np.ndarray
+    feeds: np.ndarray
 
 
 class Sparse(NamedTuple):
@@ -218,7 +225,7 @@ class StepMemory(NamedTuple):
     inside, by_base, moments, corners : arrays
         For one element, as in `element_output` and `within_step`.
     J : (inputs, inputs + 1) array
-        Matrix of the equations to be solved, then the largest magnitude in each row.
+        Matrix of the equations to be solved, a row for each implicit input, then the largest magnitude in each row.
     right : (inputs, lanes) array
         Their right-hand side.
     """

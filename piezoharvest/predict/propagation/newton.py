@@ -17,13 +17,13 @@ _ROUNDED_TOLERANCE = 1e-8  # the same, still accepted if rounding prevents conve
 
 @inlined
 def _worst_residual(step, places, sizes, memory):
-    """Residuals of the trial inputs; the largest, relative to what it is the difference of."""
+    """Residuals of the implicit trial inputs; the largest, relative to what it is the difference of."""
     base, trial, residual, outputs, worst = memory.base, memory.trial, memory.residual, memory.outputs, 0.0
     count = len(places)
-    for r in range(len(base)):
+    for r in step.implicit:
         total, size = base[r], max(abs(base[r]), sizes[r])
         for j in range(count):
-            if memory.off[j]:
+            if memory.off[j] or not step.feeds[j]:
                 continue
             # A stop at rest gives the difference of two inputs, with the rounding errors of these.
             rounded = _ROUNDING_SHARE * abs(trial[places[j, 0]])
@@ -37,26 +37,40 @@ def _worst_residual(step, places, sizes, memory):
 
 
 @inlined
-def find_outputs(step, elements, sizes, memory):
-    """Find outputs of the elements and their inputs, from trial ones; return True if found."""
+def _find_inputs(step, elements, sizes, memory):
+    """Find inputs, from trial ones, and the outputs that they depend on; return True if found."""
     trial, move, worst, best, share = memory.trial, memory.move, 0.0, np.inf, 1.0
+    for r in step.explicit:
+        memory.residual[r, 0] = 0.0
     for _ in range(_MAX_ITERATIONS):
         for j in range(len(elements.places)):
-            set_output(j, step, elements, memory)
+            if step.feeds[j]:
+                set_output(j, step, elements, memory)
         worst = _worst_residual(step, elements.places, sizes, memory)
         if worst < _TOLERANCE:
-            for r in range(len(trial)):
-                sizes[r] = max(sizes[r], abs(trial[r]))
             return True
         if worst >= best and share > _MIN_STEP_SHARE:
             # Too far, across a corner of an operator: halve the step.
             share *= 0.5
-            for r in range(len(trial)):
+            for r in step.implicit:
                 trial[r] -= share * move[r]
             continue
         best, share = worst, 1.0
-        solve(step.feed, memory.slopes, elements, memory.off, memory.J, memory.residual)
-        for r in range(len(trial)):
+        solve(step, memory.slopes, elements, memory.off, memory.J, memory.residual)
+        for r in step.implicit:
             move[r] = memory.residual[r, 0]
             trial[r] += move[r]
     return worst < _ROUNDED_TOLERANCE
+
+
+@inlined
+def find_outputs(step, elements, sizes, memory):
+    """Find outputs of the elements and their inputs, from trial ones; return True if found."""
+    if not _find_inputs(step, elements, sizes, memory):
+        return False
+    for r in range(len(memory.trial)):
+        sizes[r] = max(sizes[r], abs(memory.trial[r]))
+    for j in range(len(elements.places)):
+        if not step.feeds[j]:
+            set_output(j, step, elements, memory)
+    return True

@@ -88,59 +88,72 @@ def scatter(tangent, begin, end, first, out):
 
 
 @compiled
-def solve(K, slopes, elements, off, J, right):
-    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
-    m, places = len(J), elements.places
-    half, count = len(elements.rated), len(places)
-    for r in range(m):
+def _set_equations(step, slopes, elements, off, J):
+    """Set the implicit inputs' rows of 1 - K f', and behind each its largest magnitude among those of all of these."""
+    K, implicit, places = step.feed, step.implicit, elements.places
+    m, half, count = len(step.feed), len(elements.rated), len(places)
+    for i in range(len(implicit)):
         for c in range(m):
-            J[r, c] = 1.0 if r == c else 0.0
+            J[i, c] = 1.0 if implicit[i] == c else 0.0
     for j in range(count):
-        if off[j]:
+        if off[j] or not step.feeds[j]:
             continue
         a, b = places[j, 0], places[j, 1]
+        first, second = elements.added[a], elements.added[b]
         for q in range(3 if elements.acts[j] else 1):
-            by_first, by_rate = slopes[q, j, FIRST_END], slopes[q, j, FIRST_END + 1]
-            by_second, by_its_rate = slopes[q, j, SECOND_END], slopes[q, j, SECOND_END + 1]
-            for r in range(m):
-                fed = K[r, q * count + j]
-                J[r, a] -= fed * by_first
-                J[r, half + a] -= fed * by_rate
-                J[r, b] -= fed * by_second
-                J[r, half + b] -= fed * by_its_rate
-            at = elements.added[a]
-            if at >= 0:
-                for r in range(m):
-                    J[r, at] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED]
-                    J[r, at + elements.reached] -= K[r, q * count + j] * slopes[q, j, FIRST_ADDED + 1]
-            at = elements.added[b]
-            if at >= 0:
-                for r in range(m):
-                    J[r, at] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED]
-                    J[r, at + elements.reached] -= K[r, q * count + j] * slopes[q, j, SECOND_ADDED + 1]
-    for r in range(m):
-        J[r, m] = 0.0
-        for c in range(m):
-            J[r, m] = max(J[r, m], abs(J[r, c]))
-    for c in range(m):
-        pivot = c
-        for r in range(c + 1, m):
-            # Rows have units of their own. An input that nothing present reaches keeps its row, and its value exactly.
-            if abs(J[r, c]) * J[pivot, m] > abs(J[pivot, c]) * J[r, m]:
-                pivot = r
-        if pivot != c:
-            for k in range(m + 1):
-                J[c, k], J[pivot, k] = J[pivot, k], J[c, k]
-            for p in range(right.shape[1]):
-                right[c, p], right[pivot, p] = right[pivot, p], right[c, p]
-        for r in range(m):
-            if r != c and J[r, c] != 0.0:
-                factor = J[r, c] / J[c, c]
-                for k in range(c, m):
-                    J[r, k] -= factor * J[c, k]
+            s = slopes[q, j]
+            for i in range(len(implicit)):
+                fed = K[implicit[i], q * count + j]
+                if fed == 0.0:
+                    continue
+                J[i, a] -= fed * s[FIRST_END]
+                J[i, half + a] -= fed * s[FIRST_END + 1]
+                J[i, b] -= fed * s[SECOND_END]
+                J[i, half + b] -= fed * s[SECOND_END + 1]
+                if first >= 0:
+                    J[i, first] -= fed * s[FIRST_ADDED]
+                    J[i, first + elements.reached] -= fed * s[FIRST_ADDED + 1]
+                if second >= 0:
+                    J[i, second] -= fed * s[SECOND_ADDED]
+                    J[i, second + elements.reached] -= fed * s[SECOND_ADDED + 1]
+    for i in range(len(implicit)):
+        J[i, m] = 0.0
+        for c in implicit:
+            J[i, m] = max(J[i, m], abs(J[i, c]))
+
+
+@compiled
+def solve(step, slopes, elements, off, J, right):
+    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates.
+
+    Rows of explicit inputs are those of the solution already.
+    """
+    implicit, m = step.implicit, len(step.feed)
+    _set_equations(step, slopes, elements, off, J)
+    for i in range(len(implicit)):
+        for c in step.explicit:
+            if J[i, c] != 0.0:
                 for p in range(right.shape[1]):
-                    right[r, p] -= factor * right[c, p]
-    for c in range(m):
-        inverse = 1.0 / J[c, c]
+                    right[implicit[i], p] -= J[i, c] * right[c, p]
+    for i in range(len(implicit)):
+        c, pivot = implicit[i], i
+        for k in range(i + 1, len(implicit)):
+            # Rows have units of their own.
+            if abs(J[k, c]) * J[pivot, m] > abs(J[pivot, c]) * J[k, m]:
+                pivot = k
+        if pivot != i:
+            for k in range(m + 1):
+                J[i, k], J[pivot, k] = J[pivot, k], J[i, k]
+            for p in range(right.shape[1]):
+                right[c, p], right[implicit[pivot], p] = right[implicit[pivot], p], right[c, p]
+        for k in range(len(implicit)):
+            if k != i and J[k, c] != 0.0:
+                factor = J[k, c] / J[i, c]
+                for e in implicit[i:]:
+                    J[k, e] -= factor * J[i, e]
+                for p in range(right.shape[1]):
+                    right[implicit[k], p] -= factor * right[c, p]
+    for i in range(len(implicit)):
+        inverse = 1.0 / J[i, implicit[i]]
         for p in range(right.shape[1]):
-            right[c, p] *= inverse
+            right[implicit[i], p] *= inverse

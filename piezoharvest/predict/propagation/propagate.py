@@ -48,6 +48,18 @@ def _apply_drive(drive, step, y, g, k):
     y[size + 2], y[size + 3] = 1.0, now
 
 
+@compiled
+def _add_expected(step, memory):
+    """Add to trial inputs what outputs give that continue as the cubics that they were in the step before."""
+    outputs, trial, count = memory.outputs, memory.trial, len(memory.before)
+    for j in range(count):
+        if step.feeds[j]:
+            w, p, r = outputs[j], outputs[count + j], outputs[2 * count + j]
+            w, p = w + (w - memory.before[j]) - 2.0 * p - 4.0 * r, p + 3.0 * r
+            for i in step.implicit:
+                trial[i] += step.feed[i, j] * w + step.feed[i, count + j] * p + step.feed[i, 2 * count + j] * r
+
+
 @inlined
 def _advance(step, elements, state, memory):
     """States, inputs and outputs of the elements at the end of a step; return True if found."""
@@ -56,13 +68,11 @@ def _advance(step, elements, state, memory):
     for r in range(n):
         y[r] = memory.z[r]
     dot(step.inputs, y, memory.base)
+    for r in range(len(inputs)):
+        memory.old[r], trial[r] = inputs[r], memory.base[r]
+    _add_expected(step, memory)
     for j in range(count):
         memory.before[j] = y[n + j]
-    for r in range(len(inputs)):
-        memory.old[r] = inputs[r]
-        trial[r] = memory.base[r]
-        for j in range(count):
-            trial[r] += step.feed[r, j] * y[n + j]
     if not find_outputs(step, elements, state.sizes, memory):
         return False
     for r in range(len(inputs)):
@@ -134,7 +144,7 @@ def _advance_element_derivatives(step, elements, slopes, state, memory):
     weighted_sums(slopes.O, state.y)
     scatter(slopes.O, 0, slopes.input_entries, 0, right)
     add_product(slopes.to_inputs, d, right)
-    solve(step.feed, memory.slopes, elements, memory.off, memory.J, right)
+    solve(step, memory.slopes, elements, memory.off, memory.J, right)
     assign(right, dinputs)
     for j in range(count):
         if memory.off[j]:
