@@ -37,7 +37,7 @@ def test_a_stiffening_is_found_beside_any_noise(kind):
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_a_leakage_is_no_creep_where_records_have_their_own_noise(seed):
     """Beside one load it is the same as another load: both are named, with the values of one of them."""
-    found = diagnose(campaign("white", 10 + seed, leakage=300e3))
+    found = diagnose(campaign("white", 10 + seed, leakage=300e3, duration=1.5))
     names = {each.effect.name for each in found.effects} | {name for names in found.alternatives for name in names}
     assert found.verdict in ("effect", "ambiguous")
     assert found.effects[0].effect.name in ("leakage", "load_error"), found.effects

@@ -150,12 +150,21 @@ def test_a_polarisation_that_lags_and_saturates_is_found_and_becomes_an_effect(t
     assert abs(results[2] / results[1] - 1.0) > 0.01
 
 
+def with_memories(folder, read, place):
+    """What is left of a table at a place with each memory of its input."""
+    problem, before = fitted_without_law(campaign_of(folder, "beam", read, RECORDS[:3]))
+    visited = visited_inputs(problem, before)["displacement"]
+    without = fitted(problem, before, Law(place=place, form=table_for(place, visited)), visited)
+    return functions_of_memories(problem, before, [without], lambda text: None)
+
+
 def test_a_force_that_lags_behind_by_play_gives_energy_and_is_no_law_of_the_spring(tmp_path):
     """Lost motion before a spring that does not fall back with it: over a period it gives energy to the beam."""
     read = lambda drive, load: spring_behind_play(40.0, 4e-5, drive, load, SPAN, 2000.0)  # noqa: E731
-    found = searched(campaign_of(tmp_path, "beam", read, RECORDS))
-    if found is not None and found.best.place.name == "spring" and isinstance(found.best.law.memory, Play):
-        assert np.real(found.best.form.values(np.array([found.best.law.memory.threshold])))[0] > 0.0
+    plays = [each for each in with_memories(tmp_path, read, Spring()) if isinstance(each.law.memory, Play)]
+    assert plays
+    for each in plays:
+        assert np.real(each.form.values(np.array([each.law.memory.threshold])))[0] > 0.0
 
 
 def behind_play(drive, load):
@@ -169,11 +178,7 @@ def behind_play(drive, load):
 
 
 def test_a_function_of_what_follows_with_play_is_fitted_from_that_of_the_motion(tmp_path):
-    problem, before = fitted_without_law(campaign_of(tmp_path, "beam", behind_play, RECORDS[:3]))
-    place = Reading("displacement", "displacement")
-    visited = visited_inputs(problem, before)["displacement"]
-    without = fitted(problem, before, Law(place=place, form=table_for(place, visited)), visited)
-    found = functions_of_memories(problem, before, [without], lambda text: None)[-1]
+    found = with_memories(tmp_path, behind_play, Reading("displacement", "displacement"))[-1]
     memory = as_json(discovery(found, 1.0, 0.0, ()))["memory"]
     assert memory == {"kind": "play", "threshold": pytest.approx(2e-5, rel=0.05), "follows": True}
 
