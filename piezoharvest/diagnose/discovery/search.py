@@ -29,7 +29,11 @@ from piezoharvest.diagnose.discovery.law_fits import (
     with_moved_knots,
     without_law,
 )
-from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories, leaves_much
+from piezoharvest.diagnose.discovery.memories.functions import (
+    functions_of_memories,
+    leaves_more_than_noise,
+    leaves_much,
+)
 from piezoharvest.diagnose.discovery.memories.in_loops import from_more_times
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
@@ -123,7 +127,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
     if not done:
         return None
     table, forms = _likeliest(problem, start, fits)
-    if leaves_much(forms[0]):
+    if leaves_more_than_noise(forms[0]):
         table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
     ruled_out = sorted(fits.ruled_out, key=lambda pair: -pair[1])[:RIVALS]
@@ -414,7 +418,7 @@ def _without_values(some: LawFit) -> Law:
 
 
 def _words(law: Law) -> str:
-    memory = f", with {law.memory.kind}" if law.memory is not None else ""
+    memory = f", with {law.memory.kind.replace('_', ' ')}" if law.memory is not None else ""
     return f"{law.place.name}, of {law.place.input.replace('_', ' ')}{memory}"
 
 

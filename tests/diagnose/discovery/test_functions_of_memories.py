@@ -11,13 +11,13 @@ from remembering import device_with, fitted_without_law, searched, spring_behind
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Corners, DeadZone, Knee, Line, Monomial
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Play, Relaxation
-from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Electrodes, Reading, Spring
+from piezoharvest.description.effects.nameless.memory import LaggingFunction, Play, Relaxation
+from piezoharvest.description.effects.nameless.places import Capacitor, Coupling, Damper, Electrodes, Reading, Spring
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.effect_file import save_effect
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.law_fits import fitted, without_effect
+from piezoharvest.diagnose.discovery.law_fits import best_of, fitted, without_effect
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories
 from piezoharvest.diagnose.discovery.result import as_json, discovery
 from piezoharvest.diagnose.discovery.search import search
@@ -28,6 +28,7 @@ from piezoharvest.predict.prediction import Prediction
 LOAD, SAMPLES = 1e5, 8000.0
 SPAN = 0.5  # s: of longer records a search takes in proportion
 LAG, AHEAD = Relaxation(time_constant=3e-3), Relaxation(time_constant=3e-3, behind=True)
+LATE = LaggingFunction(time_constant=3e-3)
 
 
 def tanh(factor, scale):
@@ -42,6 +43,10 @@ LAWS = [
     Law(place=Damper(), form=tanh(0.002, 0.01), memory=LAG),
     Law(place=Capacitor(), form=tanh(1e-8, 1.0), memory=LAG),
     Law(place=Electrodes(), form=Knee(factor=1e-5, knee=1.0), memory=LAG),
+    Law(place=Spring(), form=tanh(-0.004, 5e-5), memory=LATE),
+    Law(place=Capacitor(), form=tanh(1e-8, 1.0), memory=LATE),
+    Law(place=Capacitor(), form=DeadZone(factor=1e-8, zone=1.0), memory=LATE),
+    Law(place=Damper(), form=Line(factor=0.02), memory=LATE),
 ]
 
 
@@ -69,10 +74,29 @@ def saturating_polarisation(charge, scale, time_constant):
     return memory
 
 
+def lagging_force(force, scale, time_constant):
+    """A force that follows late what is a function of the displacement."""
+    return lambda t, x, u, v, own: (own[0], 0.0, [(-force * np.tanh(x / scale) - own[0]) / time_constant])
+
+
+def lagging_polarisation(charge, scale, time_constant):
+    """A charge that follows late what is a function of the voltage: its current is its rate."""
+
+    def memory(t, x, u, v, own):
+        rate = (charge * np.tanh(v / scale) - own[0]) / time_constant
+        return 0.0, rate, [rate]
+
+    return memory
+
+
 TRUE = {
     "spring": (saturating_maxwell(0.004, 5e-5, 3e-3), Law(place=Spring(), form=tanh(-0.004, 5e-5), memory=AHEAD)),
     "capacitor": (
         saturating_polarisation(2e-8, 1.5, 3e-3), Law(place=Capacitor(), form=tanh(2e-8, 1.5), memory=LAG),
+    ),
+    "force that lags": (lagging_force(0.004, 5e-5, 3e-3), Law(place=Spring(), form=tanh(-0.004, 5e-5), memory=LATE)),
+    "charge that lags": (
+        lagging_polarisation(2e-8, 1.5, 3e-3), Law(place=Capacitor(), form=tanh(2e-8, 1.5), memory=LATE),
     ),
 }  # fmt: skip
 
@@ -153,7 +177,7 @@ def test_a_polarisation_that_lags_and_saturates_is_found_and_becomes_an_effect(t
 def with_memories(folder, read, place):
     """What is left of a table at a place with each memory of its input."""
     problem, before = fitted_without_law(campaign_of(folder, "beam", read, RECORDS[:3]))
-    visited = visited_inputs(problem, before)["displacement"]
+    visited = visited_inputs(problem, before)[place.input]
     without = fitted(problem, before, Law(place=place, form=table_for(place, visited)), visited)
     return functions_of_memories(problem, before, [without], lambda text: None)
 
@@ -181,6 +205,35 @@ def test_a_function_of_what_follows_with_play_is_fitted_from_that_of_the_motion(
     found = with_memories(tmp_path, behind_play, Reading("displacement", "displacement"))[-1]
     memory = as_json(discovery(found, 1.0, 0.0, ()))["memory"]
     assert memory == {"kind": "play", "threshold": pytest.approx(2e-5, rel=0.05), "follows": True}
+
+
+def test_a_charge_that_relaxes_towards_a_function_is_told_from_a_function_of_a_lag(tmp_path):
+    read = lambda drive, load: device_with(TRUE["charge that lags"][0], 1, drive, load, SPAN, 2000.0)  # noqa: E731
+    memory = best_of(with_memories(tmp_path, read, Capacitor()))[0].law.memory
+    assert isinstance(memory, LaggingFunction)
+    assert memory.time_constant == pytest.approx(3e-3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_charge_that_relaxes_towards_a_function_of_the_voltage_is_found(tmp_path):
+    found = searched_in(tmp_path, TRUE["charge that lags"][0], RECORDS)
+    law = found.best.law
+    assert (law.place.name, law.form.word, law.memory.kind) == ("capacitor", "tanh", "lagging_function")
+    assert law.form.factor == pytest.approx(2e-8, rel=0.02)
+    assert law.form.scale == pytest.approx(1.5, rel=0.02)
+    assert law.memory.time_constant == pytest.approx(3e-3, rel=0.02)
+    told = as_json(discovery(found.best, 1.0, 0.0, (), found.forms))
+    assert told["memory"] == {"kind": "lagging_function", "time_constant": pytest.approx(3e-3, rel=0.02)}
+    assert told["formula"].startswith("lag(") and told["formula"].endswith(" s)")
+
+
+def test_a_function_lags_where_power_is_known_and_in_readings():
+    assert (
+        Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=LATE).name
+        == "reading.voltage lagging function"
+    )
+    with pytest.raises(ParameterError, match="found a function that lags at the coupling"):
+        Law(place=Coupling(), form=tanh(1e-8, 1e-5), memory=LATE)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
-from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, Memory, Play
+from piezoharvest.description.effects.nameless.memory import CHARGE, Delay, LaggingFunction, Memory, Play
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.parameters import ParameterError
@@ -21,21 +21,21 @@ from piezoharvest.description.shunts.base import Shunt
 
 @dataclass(frozen=True, kw_only=True)
 class Remembered(Form):
-    """A function of what a memory makes of an input."""
+    """A function of an input with a memory."""
 
     form: Form
     memory: Memory
     of: str
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        return self.form.row(specimen, self.memory.row(specimen, x, self.of))
+        return self.memory.law(specimen, x, self.of, self.form.row)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Law(Effect):
     """A function of one input that is added at a place; none of the library, as its name is that of the object.
 
-    With a memory it is a function of what that makes of the input.
+    With a memory it is a function of what that makes of the input, or follows late itself.
     """
 
     delay_path: ClassVar[tuple[str, ...]] = ("memory", "delay")
@@ -51,6 +51,9 @@ class Law(Effect):
             raise ParameterError("form", f"{found}, must be linear: only its charge is known then")
         if isinstance(self.memory, Play) and self.memory.follows and not self.place.of_sensor:
             raise ParameterError("memory.follows", f"found true at the {self.place.name}, allowed in a reading only")
+        if isinstance(self.memory, LaggingFunction) and not (self.place.port or self.place.of_sensor):
+            found = f"found a function that lags at the {self.place.name}"
+            raise ParameterError("memory", f"{found}, allowed at ports, where power is known, and in readings")
         self.place.check(self.form, self.memory)
 
     @property
@@ -58,7 +61,8 @@ class Law(Effect):
         """The place, and its memory or the form of the function, or both: "load knee", "spring play"."""
         if self.memory is None:
             return f"{self.place.name} {self.form.word}"
-        return f"{self.place.name} {self.memory.kind}" + (f" {self.form.word}" if self.bends_memory else "")
+        kind = self.memory.kind.replace("_", " ")
+        return f"{self.place.name} {kind}" + (f" {self.form.word}" if self.bends_memory else "")
 
     @property
     def bends_memory(self) -> bool:

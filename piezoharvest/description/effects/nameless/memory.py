@@ -7,7 +7,7 @@ over a voltage), `DIRECT` x f (a current over a voltage or the reverse, a force 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ from piezoharvest.description.parameters import Component, ParameterError, quant
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 
 RATE, CHARGE, DIRECT = "rate", "charge", "direct"
+Function = Callable[[EquationBuilder, Row], Row]
 _SLOWNESS = 12.0**0.5  # of a Pade approximation with two poles: its natural angular frequency times the delay
 _STORAGE = {"displacement": "stiffness", "voltage": "capacitance", "velocity": "mass"}
 
@@ -43,6 +44,10 @@ class Memory(Component):
         """What the memory makes of the row of an input, which is named `of`."""
         raise NotImplementedError
 
+    def law(self, specimen: EquationBuilder, x: Row, of: str, function: Function) -> Row:
+        """The law with a function: of what the memory makes of the input."""
+        return function(specimen, self.row(specimen, x, of))
+
     def made(self, terms: EnergyRows, x: Row) -> Row:
         """The row of what it makes of its input once it is in the equations, where a place needs that for its power."""
         raise NotImplementedError
@@ -51,7 +56,7 @@ class Memory(Component):
         """Energy in J at a port."""
         return ()
 
-    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+    def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
         """Power in W that is lost at a port."""
         return ()
 
@@ -107,7 +112,7 @@ class Play(Memory):
         share = terms.transducer.capacitance * _softer(factor, terms)
         return [Product(0.5 * _softer(factor, terms) * (1.0 + share), s, s), Product(-share, x, s)]
 
-    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+    def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
         s, ds = terms.own("stop")
         if port == RATE:
             return [Product(factor, s, dx - ds)]
@@ -173,7 +178,7 @@ class Relaxation(Memory):
             return [Product(factor, x, y), Product(-0.5 * factor, y, y)]
         return [Product(0.5 * factor * (1.0 if port == CHARGE else self.time_constant), y, y)]
 
-    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+    def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
         y, dy = terms.own("lag")
         if port == DIRECT:
             return [Product(factor, y, y)]
@@ -190,6 +195,39 @@ class Relaxation(Memory):
         if port == CHARGE:
             return slopes
         return (-z if port == RATE else z)[:, None] * values
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaggingFunction(Memory):
+    """A first-order lag y of the function itself, tau y' + y = f(x): a polarisation that relaxes towards f(v).
+
+    Of a function that rises, a charge takes energy: with x = g(f), what it stores is the integral of g over y, and
+    (x - g(y)) (f - y)/tau is lost, of which both factors have one sign; a force does where it falls.
+
+    Source: Giri & Bai, Block-oriented Nonlinear System Identification, 2010 (Hammerstein systems; functions of a lag
+    are Wiener systems).
+    """
+
+    kind: ClassVar[str] = "lagging_function"
+    signs: ClassVar[Mapping[str, int]] = {RATE: -1, CHARGE: 1}
+
+    time_constant: float = quantity("s", "time constant", above=0)
+
+    def law(self, specimen: EquationBuilder, x: Row, of: str, function: Function) -> Row:
+        y, dy = specimen.state("lag", 1.0 / _storage(specimen, of))
+        specimen.equation(self.time_constant * dy + y - function(specimen, x))
+        return y
+
+    def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
+        """All that it takes: what it stores is that of an element, of which no quadratic form tells."""
+        y, dy = terms.own("lag")
+        return [Product(1.0, y, dx) if port == RATE else Product(1.0, x, dy if port == CHARGE else y)]
+
+    def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
+        return x
+
+    def dissipated(self, port: str, z: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        return -slopes if port == RATE else slopes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +262,7 @@ class Resonance(Memory):
             return [Product(factor, x, y), Product(-0.5 * factor, y, y), Product(-0.5 * factor, z, z)]
         return [Product(0.5 * factor, y, y), Product(0.5 * factor, z, z)]
 
-    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+    def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
         z, _ = terms.own("rate")
         return [Product((-2.0 if port == RATE else 2.0) * factor * self.damping_ratio * self._w, z, z)]
 

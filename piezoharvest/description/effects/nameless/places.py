@@ -110,7 +110,7 @@ class Place(Component):
         """Power (W) that it takes, likewise."""
         factor = form.proportional
         if memory is not None:
-            return memory.losses(self.port, factor, terms, self.rows(terms)[1]) if self.port else ()
+            return memory.losses(self.port, factor, terms, *self.rows(terms)) if self.port else ()
         if self.port != DIRECT or not np.any(factor):
             return ()
         x, _ = self.rows(terms)

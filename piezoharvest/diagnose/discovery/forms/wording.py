@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 from typing import Any
 
 from piezoharvest.description.effects.nameless.circuit_places import SwitchLoop
@@ -17,7 +18,15 @@ from piezoharvest.description.effects.nameless.forms import (
     TwoKnees,
 )
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Delay, LateBy, Memory, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import (
+    Delay,
+    LaggingFunction,
+    LateBy,
+    Memory,
+    Play,
+    Relaxation,
+    Resonance,
+)
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 
@@ -92,6 +101,8 @@ def formula(law: Law) -> str:
     if isinstance(place, SwitchLoop) and isinstance(law.memory, Relaxation):
         return _part_in_loop(form.proportional, law.memory)
     s, unit, of = _remembered(law.memory, symbol, place), place.unit, place.input_unit
+    if isinstance(law.memory, LaggingFunction):
+        return f"lag({formula(replace(law, memory=None))}; {law.memory.time_constant:.4g} s)"
     if isinstance(law.memory, Delay):
         return f"{symbol}(t - {law.memory.delay:.4g} s) - {symbol}(t)"
     if isinstance(form, Line):

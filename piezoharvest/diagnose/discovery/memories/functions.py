@@ -13,7 +13,15 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE, Memory, Play, Relaxation
+from piezoharvest.description.effects.nameless.memory import (
+    CHARGE,
+    DIRECT,
+    RATE,
+    LaggingFunction,
+    Memory,
+    Play,
+    Relaxation,
+)
 from piezoharvest.description.effects.nameless.places import Damper, Place, Reading, Spring
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
@@ -29,7 +37,7 @@ from piezoharvest.identify.fitting.output_error import excess_of, linearised, me
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.prediction import PredictionError
 
-PLACES = 2  # likeliest places of laws so far at which a memory is tried
+PLACES = 2  # ports and readings at whose likeliest law so far a memory is tried
 # Share of the excess over noise without a memory: no other memory explains much of what is left. A table leaves some of
 # what its formula explains.
 LEAST_LEFT = 0.1
@@ -39,6 +47,12 @@ MOST_EXPLAINED = 0.5  # share of what the law so far explains, from which on a f
 def leaves_much(law: LawFit) -> bool:
     """True if a law leaves clearly more than noise of the records that it was fitted to."""
     return mean_square(law.found) > 1.0 + thresholds.MIN_LEFT
+
+
+def leaves_more_than_noise(law: LawFit) -> bool:
+    """True if a law leaves more of the fitted records than the scatter of noise; little may be all of unseen ones."""
+    count = sum(float(part.count.sum()) for part in law.found.sums)
+    return excess_of(law.found) > thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
 
 
 def functions_of_memories(
@@ -65,7 +79,8 @@ def functions_of_memories(
             if again is None or again.memory_at_its_end:
                 continue
             change = again.found.cost - start.cost
-            progress(f"tried a function of a {memory.kind} at {again.place.name}: -2 ln L {change:+.1f}")
+            what = "a lagging function" if isinstance(memory, LaggingFunction) else f"a function of a {memory.kind}"
+            progress(f"tried {what} at {again.place.name}: -2 ln L {change:+.1f}")
             if not takes_energy(problem, again, -change):
                 progress(f"there it would give energy, so that it is no law of the {again.place.name}")
                 continue
@@ -126,11 +141,15 @@ def _left(problem: Problem, bare: Fit, law: Law) -> float:
 
 
 def _at_places(done: Sequence[LawFit]) -> list[LawFit]:
-    """The likeliest law of each place that may have a function of a memory, the likeliest place first."""
-    first: dict[Place, LawFit] = {}
+    """The likeliest law of each port and reading that may have a memory, the likeliest first.
+
+    A current beside a load and one through it are all but the same, and hide a lagging charge that is a third.
+    """
+    first: dict[tuple[str, str], LawFit] = {}
     for each in best_of(done):
-        if _kinds(_place(each)):
-            first.setdefault(_place(each), each)
+        place = _place(each)
+        if _kinds(place):
+            first.setdefault((place.input, place.port or place.name), each)
     return list(first.values())
 
 
@@ -142,10 +161,11 @@ def _place(law: LawFit) -> Place:
 def _kinds(place: Place) -> tuple[type[Memory], ...]:
     """Memories of which a place may have a function."""
     if isinstance(place, Reading):
-        return (Play, Relaxation) if place.of == place.channel else ()
+        return (Play, Relaxation, LaggingFunction) if place.of == place.channel else ()
     if place.in_circuit:
         return ()
-    return {RATE: (Play, Relaxation), CHARGE: (Relaxation,), DIRECT: (Relaxation,)}.get(place.port, ())
+    lags = (Relaxation, LaggingFunction)
+    return {RATE: (Play, *lags), CHARGE: lags, DIRECT: (Relaxation,)}.get(place.port, ())
 
 
 def _scored(problem: Problem, bare: Fit, here: LawFit) -> list[ScoredLaw]:
@@ -177,10 +197,13 @@ def _starts(problem: Problem, bare: Fit, here: LawFit, visited: np.ndarray) -> l
         times = campaign_scales(problem.data, bare).times
         sides = (True, False) if isinstance(place, Reading) else (behind,)
         starts += [Relaxation(time_constant=each, behind=side) for each in times for side in sides]
+        starts += [LaggingFunction(time_constant=each) for each in times if LaggingFunction in kinds]
     memory = here.law.memory
     if isinstance(memory, kinds) and not isinstance(here.place, Damper):
         starts.append(replace(memory, behind=behind) if isinstance(memory, Relaxation) else memory)
+        if isinstance(memory, Relaxation) and LaggingFunction in kinds:
+            starts.append(LaggingFunction(time_constant=memory.time_constant))
     return starts
 
 
-__all__ = ["functions_of_memories", "leaves_much"]
+__all__ = ["functions_of_memories", "leaves_more_than_noise", "leaves_much"]
