@@ -48,7 +48,8 @@ from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
-# Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes.
+# Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes; of
+# what is found to be no law there, as it would give energy, as many again.
 ENGINE_FITS = 5
 OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measured), unless the misfit is large
 # Share of a large misfit from which a table is condensed at once: of what is left to others none explains more.
@@ -122,7 +123,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
     scored = _scored(problem, start, places)
     chosen = promising(scored, misfit)
     fits = _Fits(problem, start)
-    fits.try_all(chosen[:ENGINE_FITS] if problem.needs_engine else chosen, progress)
+    fits.try_all(chosen, progress)
     done = fits.done
     if not done:
         return None
@@ -313,12 +314,16 @@ class _Fits:
         """Fit laws; those that will not come close to the best so far are abandoned, or not begun."""
         problem, start = self.problem, self.start
         most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
-        for each in chosen:
+        tried = 0
+        for n, each in enumerate(chosen):
+            if problem.needs_engine and n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
+                break
             best = min((one.evidence for one in self.done), default=np.inf)
             if start.cost - most * each.gain > best + thresholds.CLOSE_COST or self._is_ruled_out(each):
                 continue
             aim = best + thresholds.CLOSE_COST
             found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
+            tried += 1
             if found is None:
                 continue
             found = self._bent_where_the_law_bends(found)

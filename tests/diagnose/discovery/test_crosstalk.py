@@ -20,7 +20,7 @@ def found_in(numerator, denominator, seed):
     def crosstalk(time, voltage):
         return SIZE * lsim((numerator, denominator), voltage, time)[1]
 
-    found = diagnose(campaign("white", seed, crosstalk=crosstalk))
+    found = diagnose(campaign("white", seed, crosstalk=crosstalk, duration=1.5))
     assert found.verdict == "new_effect", (found.verdict, found.effects)
     (discovery,) = found.discovery
     assert (discovery.law.place.name, discovery.law.place.input) == ("reading.displacement", "voltage")
