@@ -230,7 +230,7 @@ class _Design:
         found = []
         for place in self.places.values():
             assert place.maker is not None
-            tracer = FrontTracer(place.view, place.maker.host, place.maker.is_exact)
+            tracer = FrontTracer(place.view, place.maker.host, place.maker.is_exact, progress=self.progress)
             for draft, best in place.maker.tuned:
                 self.progress(Step(f"{draft.kind}: front between power and damping"))
                 front = tracer.front(draft, best)

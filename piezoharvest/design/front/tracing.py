@@ -19,6 +19,7 @@ from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host
 from piezoharvest.engine.work_limit import MAX_WORK
+from piezoharvest.progress import silent
 
 _MAX_WORK = MAX_WORK * 5 // 2  # of all fronts together: twice what the tuning may take, about 20 s
 _LOADS = np.geomspace(1 / 30, 30, 13)  # factors of the best load where each has to be simulated alone
@@ -39,12 +40,15 @@ class FrontTracer:
         True for a linear shunt that the two-port tells as much of as the simulation.
     notes : list of str
         Remarks on kinds whose front is left out, or is not complete.
+    progress : callable
+        Takes messages on the progress.
     """
 
     view: LinearView
     host: Host
     exact: Callable[[LinearView, Shunt], bool]
     notes: list[str] = field(default_factory=list)
+    progress: Callable[[str], object] = silent
 
     def __post_init__(self) -> None:
         self.trial = Trial(self.view, left=_MAX_WORK)
@@ -74,7 +78,7 @@ class FrontTracer:
     def _designs(self, draft: Draft, best: Shunt) -> Iterator[tuple[Shunt, DesignFigures]]:
         region = Region.of(draft, self.host, self.view.goal.options.max_inductance)
         if isinstance(best, LinearShunt):
-            for shunt in TwoPortFront(self.view, draft, self.host, region, best).designs():
+            for shunt in TwoPortFront(self.view, draft, self.host, region, best, self.progress).designs():
                 yield shunt, self._figures(shunt)
         elif self.view.operation.apart:
             yield from SurfaceFront(self.trial, draft, region, best).designs()

@@ -19,6 +19,7 @@ from piezoharvest.design.parts.worst_case import PartsSpace, WorstCase, objectiv
 from piezoharvest.design.places import unit_at, value_at
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
+from piezoharvest.progress import silent
 
 _BOUGHT_UNITS = ("ohm", "F", "H")
 # Of the work left when a candidate's parts are chosen: the next candidates have to be tuned, too.
@@ -94,6 +95,8 @@ class PartsChooser:
         True if the two-port is as good as the simulation, and decides.
     region : Region or None
         Values that the tuning may take.
+    progress : callable
+        Takes messages on the progress.
     """
 
     trial: Trial
@@ -101,6 +104,7 @@ class PartsChooser:
     view: LinearView | None
     exact: bool
     region: Region | None
+    progress: Callable[[str], object] = silent
 
     def choose(self, draft: Draft, tuned: Shunt) -> PartsChoice | None:
         """Round the parts of a tuned draft together; None for a draft without parts that are tuned."""
@@ -112,7 +116,9 @@ class PartsChooser:
         tolerance = series.tolerance if options.parts_tolerance is None else options.parts_tolerance
         judge, affordable = self.view if self.exact and self.view else self.trial, self._budget()
         ideal = dataclasses.replace(draft, shunt=tuned, free=names)
-        rounding = RoundedParts(ideal, series, judge, self.view, self.region, self.goal, affordable)
+        rounding = RoundedParts(
+            ideal, series, judge, self.view, self.region, self.goal, affordable, progress=self.progress
+        )
         values = rounding.run()
         # The assumed smoothing capacitance is chosen with the load and keeps its value when the load varies.
         bought = dataclasses.replace(ideal, shunt=ideal.with_values(values), smoothing=None)

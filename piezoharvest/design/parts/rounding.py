@@ -26,6 +26,7 @@ from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage, silent
 
 _SIDES = ((-1, 0, 1, 2), (0, 1))  # steps from the value below the optimum: two on each side of it, or one
 _REACH = 5  # steps of a pair of parts
@@ -62,6 +63,8 @@ class RoundedParts:
         True as long as more simulations may be made.
     complete : bool
         True after a search that was not ended by the budget.
+    progress : callable
+        Takes messages on the progress.
     """
 
     draft: Draft
@@ -72,6 +75,7 @@ class RoundedParts:
     goal: Goal
     affordable: Callable[[], bool]
     complete: bool = True
+    progress: Callable[[str], object] = silent
     _merits: dict[Numbers, float] = field(default_factory=dict)
 
     def run(self) -> dict[str, float]:
@@ -88,9 +92,12 @@ class RoundedParts:
             for place, _ in enumerate(ideal):
                 for step in (1, -1):
                     best = self._walk(place, step, best)
+        kind, turn = self.draft.shunt.kind, 0
         while best != before:
-            before = best
-            for box in self._boxes(best):
+            before, turn, boxes = best, turn + 1, list(self._boxes(best))
+            stage = Stage(self.progress, f"{kind}: parts of {self.series.name}, round {turn}", "boxes of values")
+            for n, box in enumerate(boxes):
+                stage.reached(n, len(boxes))
                 best = self._best_of(box, best)
         return self._values(best)
 

@@ -27,6 +27,7 @@ from piezoharvest.design.tuning.phase import zoom
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region, values_at
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage, silent
 
 _ROUNDS = 8  # each adds a corner; few are ever active, one more than there are free parts
 _GAIN = 1e-4  # in merit, 0.01 % of power: for less no point is added
@@ -49,6 +50,8 @@ class Hardening:
         Gives the worst points of the box for a shunt: of the objective and of each limit.
     affordable : callable
         True as long as more simulations may be made.
+    progress : callable
+        Takes messages on the progress.
     """
 
     space: ToleranceSpace
@@ -56,6 +59,7 @@ class Hardening:
     region: Region
     worst_points: WorstPoints
     affordable: Callable[[], bool]
+    progress: Callable[[str], object] = silent
 
     def run(self, nominal: Tuned) -> Tuned:
         """The design with the best worst case found, at least the nominal one."""
@@ -85,9 +89,13 @@ class Hardening:
     def _tune(self, points: list[np.ndarray], *shunts: Shunt) -> Tuned:
         """Tune for some points, from each of some shunts."""
         starts = [Start("nominal optimum", self.draft.values_of(s)) for s in dict.fromkeys(shunts)]
+        name = f"{self.draft.kind}: tuning for the worst case of {len(points)} points"
         if self.space.exact:
-            view = ScenarioView(self.space, points)
-            return min((tune(view, self.draft, s, self.region) for s in starts), key=lambda found: found.merit)
+            view, found = ScenarioView(self.space, points), []
+            for start in starts:
+                stage = Stage(self.progress, name, "steps", most=True)
+                found.append(tune(view, self.draft, start, self.region, stage))
+            return min(found, key=lambda tuned: tuned.merit)
         trial = ScenarioTrial(self.space, points)
         if self.space.nominal.operation.band is not None:
             return self._zoom(points, starts[0])

@@ -28,6 +28,7 @@ from piezoharvest.design.tuning.minimax import Tuned
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
 from piezoharvest.linear import check_stability
+from piezoharvest.progress import silent
 
 # For the tuning of one candidate and for its worst case: each as much as all the rest of a design may take, and the
 # share after which no further step begins.
@@ -74,10 +75,12 @@ class Robustness:
         """Goal of the design."""
         return self.view.goal
 
-    def hardened(self, draft: Draft, nominal: Tuned, region: Region, exact: bool) -> Tuned:
+    def hardened(
+        self, draft: Draft, nominal: Tuned, region: Region, exact: bool, progress: Callable[[str], object] = silent
+    ) -> Tuned:
         """The draft tuned for its worst case, beginning at its nominal optimum.
 
-        `exact` says that the two-port is as good as the simulation.
+        `exact` says that the two-port is as good as the simulation; `progress` takes messages.
         """
         space = self._space(nominal.shunt, exact)
         affordable = self._share(space)
@@ -88,7 +91,7 @@ class Robustness:
             own = space.with_shunt(shunt)
             return [WorstCase(own, measure, affordable).run() for measure in self._measures.values()]
 
-        return Hardening(space, draft, region, worst_points, affordable).run(nominal)
+        return Hardening(space, draft, region, worst_points, affordable, progress).run(nominal)
 
     def case(self, shunt: Shunt, nominal: Shunt, exact: bool) -> RobustCase:
         """Worst case of a shunt; `nominal` is the optimum without a tolerance, for the cost of being robust."""
