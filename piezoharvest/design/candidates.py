@@ -14,7 +14,9 @@ from piezoharvest.design.added_damping import added_damping
 from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
+from piezoharvest.design.parts.choice import PartsChoice, PartsChooser, RobustChoice
+from piezoharvest.design.parts.rounding import Judge
+from piezoharvest.design.parts.series import Series
 from piezoharvest.design.places import lists_of
 from piezoharvest.design.result import Candidate
 from piezoharvest.design.robust.robustness import Robustness
@@ -200,11 +202,29 @@ class CandidateMaker:
         """The tuned parts as they can be bought, where a series is asked for."""
         if self.options.parts is None or not draft.free:
             return None
-        if not isinstance(tuned, LinearShunt):
-            return PartsChooser(self.trial, self.goal, None, False, None, self.progress).choose(draft, tuned)
-        view = self._view(draft).working(tuned)
-        exact = self.is_exact(view, tuned)
-        return PartsChooser(self.trial, self.goal, view, exact, self._region(draft), self.progress).choose(draft, tuned)
+        view, exact, region = None, False, None
+        if isinstance(tuned, LinearShunt):
+            view, region = self._view(draft).working(tuned), self._region(draft)
+            exact = self.is_exact(view, tuned)
+        robust = self._robust_parts(tuned, region) if self.robust and self.options.worst_case else None
+        return PartsChooser(self.trial, self.goal, view, exact, region, self.progress, robust).choose(draft, tuned)
+
+    def _robust_parts(self, tuned: Shunt, region: Region | None) -> RobustChoice:
+        """What chooses parts for their worst case; those that are best without a tolerance where there is none."""
+        exact = self._on_two_port(tuned)
+
+        def choose(
+            draft: Draft, series: Series, known: dict[str, float]
+        ) -> tuple[dict[str, float], Judge | None, bool]:
+            assert self.robust is not None
+            try:
+                return self.robust.rounded(draft, series, known, region, exact, self.progress)
+            except ParameterError as error:
+                note = f"its parts of {series.name} are those of the best nominal figure"
+                self.notes.append(f"{tuned.kind}: {note}: {error.message}")
+                return known, None, True
+
+        return choose
 
     def _stage(self, draft: Draft, name: str) -> Stage:
         """What tells how far a tuning is, which ends as soon as it has converged."""

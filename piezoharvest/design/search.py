@@ -300,11 +300,6 @@ def _about_parts(options: DesignOptions) -> Iterator[str]:
         return
     if options.objective == "trade_off":
         yield f"the front is that of parts as tuned, not of parts of {options.parts}"
-    if options.worst_case:
-        yield (
-            f"parts of {options.parts} are those of the best nominal figure beside what was tuned for the worst case; "
-            "the worst case is that of these parts"
-        )
 
 
 def _beyond(candidate: Candidate, bound: Bound) -> str:

@@ -13,17 +13,16 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
+from typing import Protocol
 
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import DesignFigures, Goal
-from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.series import Series
 from piezoharvest.design.places import value_at
-from piezoharvest.design.trial import Trial
-from piezoharvest.design.tuning.minimax import tune
+from piezoharvest.design.tuning.minimax import MinimaxView, tune
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Start
 from piezoharvest.progress import Stage, silent
@@ -43,6 +42,26 @@ _LIMIT_TOLERANCE = 1e-6  # e-folds beyond a limit
 Numbers = tuple[int, ...]
 
 
+class Judge(Protocol):
+    """Gives the figures of a shunt: the two-port, simulations, or the worst of either in a tolerance."""
+
+    def figures(self, shunt: Shunt, /) -> DesignFigures:
+        """Figures of a shunt."""
+        ...
+
+
+class BatchView(MinimaxView, Judge, Protocol):
+    """A two-port on which batches are compared: at one point, or the worst of several."""
+
+    def survey(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which shunts that resemble one are compared."""
+        ...
+
+    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[DesignFigures]:
+        """Figures of each of a batch of designs, at the frequencies of a grid (Hz)."""
+        ...
+
+
 @dataclass
 class RoundedParts:
     """Search for the best preferred values of a shunt's parts.
@@ -52,9 +71,9 @@ class RoundedParts:
     draft : Draft
         The shunt as tuned; `draft.free` holds the parts to round.
     series : Series
-    judge : LinearView or Trial
+    judge : Judge
         Gives the figures that decide.
-    view : LinearView or None
+    view : BatchView or None
         Two-port on which batches are ordered before they are judged; None for circuits with switches.
     region : Region or None
         Values that the tuning may take.
@@ -69,8 +88,8 @@ class RoundedParts:
 
     draft: Draft
     series: Series
-    judge: LinearView | Trial
-    view: LinearView | None
+    judge: Judge
+    view: BatchView | None
     region: Region | None
     goal: Goal
     affordable: Callable[[], bool]

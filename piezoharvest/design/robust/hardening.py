@@ -70,7 +70,9 @@ class Hardening:
             merit = self._merit(shunt, [*points, *found])
             if merit < least:
                 best, least = nominal._replace(shunt=shunt, merit=merit), merit
-            new = [p for p in found if self._merit(shunt, [p]) > self._merit(shunt, points) - _GAIN and _new(p, points)]
+            new = [
+                p for p in found if self._merit(shunt, [p]) > self._merit(shunt, points) - _GAIN and is_new(p, points)
+            ]
             if not (new and merit > self._merit(shunt, points) + _GAIN) or not self.affordable():
                 break
             points += new
@@ -126,7 +128,8 @@ class Hardening:
         )
 
 
-def _new(point: np.ndarray, points: list[np.ndarray]) -> bool:
+def is_new(point: np.ndarray, points: list[np.ndarray]) -> bool:
+    """True for a point (d,) of the box that is none of some points."""
     return not any(np.allclose(point, p, rtol=0, atol=1e-9) for p in points)
 
 
