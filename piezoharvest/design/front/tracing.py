@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.design.drafts import Draft, any_harvests
@@ -71,8 +72,8 @@ class FrontTracer:
             if figures.converged and not self._violates(shunt, figures)
         ]
         if len(kept) < len(found):
-            what = "do not keep the limits or did not converge"
-            self.notes.append(f"{draft.kind}: {len(found) - len(kept)} designs of its front {what} and are left out")
+            count = counted(len(found) - len(kept), "design")
+            self.notes.append(f"{draft.kind}: left out of its front: {count} beyond the limits or not converged")
         return Front.of(draft.kind, free, kept)
 
     def _designs(self, draft: Draft, best: Shunt) -> Iterator[tuple[Shunt, DesignFigures]]:

@@ -15,6 +15,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import minimize
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import ANGLES, Draft
@@ -81,7 +82,7 @@ class Hardening:
             except ParameterError:  # more to simulate than the budget has
                 break
             shunt, steps = tuned.shunt, steps + tuned.iterations
-        method = f"{nominal.method}, then minimax over {len(points)} points of the box"
+        method = f"{nominal.method}, then minimax over {counted(len(points), 'point')} of the box"
         return best._replace(method=method, iterations=nominal.iterations + steps)
 
     def _merit(self, shunt: Shunt, points: list[np.ndarray]) -> float:
@@ -91,7 +92,7 @@ class Hardening:
     def _tune(self, points: list[np.ndarray], *shunts: Shunt) -> Tuned:
         """Tune for some points, from each of some shunts."""
         starts = [Start("nominal optimum", self.draft.values_of(s)) for s in dict.fromkeys(shunts)]
-        name = f"{self.draft.kind}: tuning for the worst case of {len(points)} points"
+        name = f"{self.draft.kind}: tuning for the worst case of {counted(len(points), 'point')}"
         if self.space.exact:
             view, found = ScenarioView(self.space, points), []
             for start in starts:
