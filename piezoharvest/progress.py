@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
+
+EVERY = 5.0  # s between two words on a stage; what is over sooner needs none
 
 
 class Step(str):
@@ -16,20 +19,63 @@ class Step(str):
     text : str
     done, total : int
         Parts of the work that are done, and all of them; a total of 0 where it is not known.
+    spent : float, optional
+        Time in s that the parts done took, where it is not the time since the whole work began.
+    most : bool
+        The total is what there may be at most.
     """
 
     done: int
     total: int
+    spent: float | None
+    most: bool
 
-    def __new__(cls, text: str, done: int = 0, total: int = 0) -> Step:
+    def __new__(
+        cls, text: str, done: int = 0, total: int = 0, *, spent: float | None = None, most: bool = False
+    ) -> Step:
         """Make text of a class of its own, which cannot be done in `__init__`."""
         new = super().__new__(cls, text)
-        new.done, new.total = done, total
+        new.done, new.total, new.spent, new.most = done, total, spent, most
         return new
+
+    @property
+    def line(self) -> str:
+        """The text with the time left, where nothing but text is shown and the step has a time of its own."""
+        left = None if self.spent is None else time_left(self.done, self.total, self.spent, self.spent)
+        return str(self) if left is None else f"{self}, {left_in_words(left, most=self.most)}"
 
 
 class Iteration(Step):
     """A step of a fit, which `Numbered` counts."""
+
+
+class Stage:
+    """One long stage of a job: every few seconds it tells how far it is, and nothing if it is over before.
+
+    Parameters
+    ----------
+    progress : callable
+        Takes the messages.
+    name : str
+        What is done.
+    parts : str
+        What is counted, in plural.
+    most : bool
+        The totals are what there may be at most, as of an iteration that ends when it has converged.
+    """
+
+    def __init__(self, progress: Callable[[str], object], name: str, parts: str, *, most: bool = False):
+        self.progress, self.name, self.parts, self.most = progress, name, parts, most
+        self.begun = self.told = time.monotonic()
+
+    def reached(self, done: int, total: int) -> None:
+        """Tell how many parts are done, of how many."""
+        now = time.monotonic()
+        if now - self.told < EVERY:
+            return
+        self.told = now
+        share = f"{done} of {'at most ' if self.most else ''}{total} {self.parts}"
+        self.progress(Step(f"{self.name}: {share}", done, total, spent=now - self.begun, most=self.most))
 
 
 class Numbered:
@@ -62,7 +108,28 @@ class Numbered:
 
 def log(text: str) -> None:
     """Log a message for the logger `piezoharvest` at level INFO, where a caller has not said what to do with it."""
-    logging.getLogger("piezoharvest").info("%s", text)
+    logging.getLogger("piezoharvest").info("%s", line(text))
+
+
+def line(text: str) -> str:
+    """A message as text alone, that of a long stage with the time left."""
+    return text.line if isinstance(text, Step) else text
+
+
+def time_left(done: float, total: float | None, now: float | None, at: float) -> float | None:
+    """Time left, s, where `done` parts of `total` were done `at` a time; None where nothing is, or it is over."""
+    if not done or not total or now is None:
+        return None
+    left = at / done * (total - done) - (now - at)
+    return left if left > 0 else None
+
+
+def left_in_words(seconds: float, *, most: bool = False) -> str:
+    """Time left in hours, minutes and seconds; `most`: it may be over before."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    clock = f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+    return f"{'at most' if most else 'about'} {clock} left"
 
 
 def silent(text: str) -> None:

@@ -14,7 +14,17 @@ ROOT = Path(piezoharvest.__file__).parent
 # From the bottom to the top; what stands in one line does not know of each other. A folder stands for all in it; the
 # front of a package, its `__init__`, above all its parts.
 LAYERS = [
-    {"callable_package", "field_help", "former_names", "input", "near_names", "notebook", "progress", "threads"},
+    {
+        "callable_package",
+        "counting",
+        "field_help",
+        "former_names",
+        "input",
+        "near_names",
+        "notebook",
+        "progress",
+        "threads",
+    },
     {"description.circuit", "description.parameters"},
     {"readers"},
     {"description.excitation", "description.hysteresis", "description.netlist"},

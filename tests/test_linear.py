@@ -697,7 +697,7 @@ def test_transmission_coefficients_by_maximising_over_the_load_field(k2):
         (lambda: linear.linearize(PLAIN, drive="voltage", lead_resistance=0.0), "lead_resistance: found 0.0"),
         (lambda: linear.linearize(FULL, amplitude=-1.0), "amplitude: found -1.0, must be a finite"),
         (lambda: linear.linearize(FULL, operating_point="slide"), 'operating_point: found "slide"'),
-        (lambda: linear.linearize(FULL, operating_point=(True,)), "operating_point: found 1 flags for 2 operators"),
+        (lambda: linear.linearize(FULL, operating_point=(True,)), "operating_point: found 1 flag for 2 operators"),
         (lambda: linear.material_coupling(1e-9, 1e-12, 1e-9), "d: found 1e-09, must have a magnitude below"),
         (lambda: linear.material_coupling(1e-9, -1e-12, 1e-9), "s: found -1e-12"),
         (lambda: TwoPort.of(PLAIN, [50.0]).impedance("loose"), 'mechanical: found "loose"'),

@@ -427,6 +427,19 @@ def test_rough_values_of_a_response(output, order):
     assert rough_values_of_response(s.imag / (2 * np.pi), rng.normal(size=81) + 0j, output) == {}
 
 
+@pytest.mark.parametrize("lines", [200, 481])
+@pytest.mark.parametrize("share", [1.0, 0.1, -0.5])
+def test_rough_values_of_a_response_with_two_modes_are_those_of_the_strongest(lines, share):
+    """The mass was up to 47 times too small: all lines were taken for those of one mode."""
+    s = 2j * np.pi * np.linspace(5.0, 400.0, lines)
+    noise = 1.0 + 1e-3 * np.random.default_rng(3).normal(size=lines)
+    second = share / (9 * STIFFNESS + 4 * DAMPING * s + MASS * s**2)
+    response = noise * s**2 * (1.0 / (STIFFNESS + DAMPING * s + MASS * s**2) + second)
+    found = rough_values_of_response(s.imag / (2 * np.pi), response, "acceleration")
+    for name in ("mass", "damping", "stiffness"):
+        assert found[name] == pytest.approx(TRUE[name], rel=0.02)
+
+
 @pytest.mark.spice
 @pytest.mark.parametrize(("kind", "drive"), [("sine_force", "force"), ("sine_base", "base_acceleration")])
 def test_waveforms_of_an_exported_netlist_are_known(tmp_path, kind, drive):

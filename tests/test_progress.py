@@ -7,9 +7,21 @@ import sys
 import numpy as np
 import pytest
 
-from piezoharvest import Campaign, DesignOptions, Resistor, SineForce, Study, Transducer, design, diagnose, identify
-from piezoharvest.cli.notes import _left, be_quiet, telling
-from piezoharvest.progress import Iteration, Numbered, Step
+from piezoharvest import (
+    Campaign,
+    DesignOptions,
+    Resistor,
+    SineForce,
+    Study,
+    Transducer,
+    design,
+    diagnose,
+    identify,
+    progress,
+)
+from piezoharvest.cli.notes import be_quiet, telling
+from piezoharvest.description.tolerance import Tolerance
+from piezoharvest.progress import Iteration, Numbered, Stage, Step, time_left
 
 
 class Terminal(io.StringIO):
@@ -55,12 +67,62 @@ def test_quiet_is_quiet_on_a_terminal(monkeypatch):
     [(0, 4, 5.0, 0.0, None), (1, 4, 10.0, 10.0, 30.0), (1, 4, 25.0, 10.0, 15.0), (3, 4, 50.0, 30.0, None)],
 )
 def test_the_time_left_is_that_of_equal_parts(done, total, now, at, left):
-    assert _left(done, total, now, at) == (None if left is None else pytest.approx(left))
+    assert time_left(done, total, now, at) == (None if left is None else pytest.approx(left))
 
 
 def test_a_step_is_text():
     step = Step("record 1 of 2", 0, 2)
     assert step == "record 1 of 2" and (step.done, step.total) == (0, 2) and isinstance(step, str)
+
+
+def test_a_long_stage_tells_every_few_seconds_what_is_left(monkeypatch):
+    said, clock = [], iter([0.0, 1.0, 10.0, 11.0, 20.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    stage = Stage(said.append, "tuning", "steps", most=True)
+    for done in (1, 10, 11, 20):
+        stage.reached(done, 100)
+    assert [step.line for step in said] == [
+        "tuning: 10 of at most 100 steps, at most 1:30 left",
+        "tuning: 20 of at most 100 steps, at most 1:20 left",
+    ]
+
+
+def test_the_time_left_of_a_stage_does_not_count_what_was_before_it(monkeypatch):
+    """A bar that has shown other parts for a while takes the pace of the stage alone."""
+    monkeypatch.setattr(sys, "stderr", stream := Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "200")
+    with telling() as tell:
+        tell(Step("before", 1, 2))
+        tell(Step("the stage", 25, 100, spent=100.0))
+    assert "about 5:00 left" in stream.getvalue() or "about 4:59 left" in stream.getvalue()
+
+
+def test_a_stage_is_a_line_with_the_time_left_without_a_terminal(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", stream := io.StringIO())
+    with telling() as tell:
+        tell(Step("the stage", 25, 100, spent=100.0))
+    assert stream.getvalue() == "the stage, about 5:00 left\n"
+
+
+@pytest.mark.parametrize(
+    ("stage", "kind", "options"),
+    [
+        ("tuning", "series_rl", {}),
+        ("parts of E6, round 1", "series_rlc", {"parts": "E6"}),
+        ("tuning for the worst case of", "series_rl", {"tolerance": Tolerance(mass=0.02), "worst_case": True}),
+        ("front from the best for harvest", "resistor", {"objective": "trade_off"}),
+    ],
+)
+def test_long_stages_of_a_design_tell_how_far_they_are(stage, kind, options, monkeypatch):
+    """Fourteen parts at two patches took minutes behind one line."""
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    transducer = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+    asked, said = DesignOptions(**{"objective": "harvest", "candidates": (kind,), **options}), []
+    excitation = SineForce(amplitude=0.02, frequency=50.0)
+    design(Study(transducer=transducer, excitation=excitation, design=asked), said.append)
+    steps = [step for step in said if isinstance(step, Step) and step.startswith(f"{kind}: {stage}")]
+    assert any(0 < step.done < step.total and step.line.endswith(" left") for step in steps)
 
 
 def test_iterations_of_all_fits_of_a_job_are_counted_together():

@@ -100,3 +100,15 @@ def test_a_rate_of_one_event_is_said_to_be_one(tmp_path, capsys, seconds, told):
 def test_a_share_that_rounds_to_nothing_has_no_sign(gain, shown):
     """An effect that changed nothing had a gain of -0 %."""
     assert summary._share(gain) == shown
+
+
+@pytest.mark.parametrize("cell", ["nan", "NaN", ""])
+def test_a_cell_of_a_modes_file_that_is_nan_is_not_said_to_be_empty(tmp_path, cell):
+    (tmp_path / "modes.csv").write_text(f"frequency_Hz,damping_ratio,force,coupling_0\n10,0.01,1.0,{cell}\n")
+    path = tmp_path / "study.toml"
+    path.write_text(
+        '[transducer]\nmodes_file = "modes.csv"\ncapacitance = 4e-8\n[excitation]\nkind = "sine_force"\n'
+        'amplitude = 1.0\nfrequency = 10.0\n[[shunts]]\nkind = "open"\n'
+    )
+    with pytest.raises(StudyError, match="row 2: found nan or an empty cell in column 'coupling_0'"):
+        load_study(path)

@@ -565,7 +565,7 @@ class TestFiles:
         )
         force.write_bytes("time_s,force_N,°C\n0,1,2\n".encode("latin-1"))
         # Letters of another encoding in the name of another column do no harm; one sample is too few.
-        assert error(tmp_path, RECORD).startswith("excitation.file: found 1 samples in ")
+        assert error(tmp_path, RECORD).startswith("excitation.file: found 1 sample in ")
 
 
 @pytest.mark.parametrize("value", ["nan", "-1e300", "0", "1e300", "true", '"x"', "[]", "{}", "[[1]]", "07:32:00"])

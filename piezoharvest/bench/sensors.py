@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.bench.devices import Converter
 from piezoharvest.bench.effects import BenchEffect
 from piezoharvest.bench.settings import Bench
+from piezoharvest.counting import counted
 from piezoharvest.records.reading import channels as reading
 
 # Columns and units of the channels that a record of the bench may have.
@@ -128,7 +129,10 @@ def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, signal: 
         )
         return f"{name}: {found}: choose another sensitivity and lower the noise of bench.{device}"
     if lost:
-        return f"{name}: {lost} of {len(codes)} samples exceed the converter's range: lower bench.{channel.key}"
+        samples = f"{lost} of {counted(len(codes), 'sample')} exceed{'s' if lost == 1 else ''}"
+        return f"{name}: {samples} the converter's range: lower bench.{channel.key}"
     if signal > 0 and channel.key and np.ptp(codes) < FEW_STEPS:
-        return f"{name}: moves by {np.ptp(codes):.0f} steps of the converter only: raise bench.{channel.key}"
+        return (
+            f"{name}: moves by {counted(int(np.ptp(codes)), 'step')} of the converter only: raise bench.{channel.key}"
+        )
     return ""

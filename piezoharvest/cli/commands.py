@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note, telling
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError
 from piezoharvest.output import (
@@ -101,7 +102,7 @@ def _spread(study: Study, n: int, specimen: Specimen, samples: int, transient: f
     except ParameterError as error:
         raise StudyError(study.path, where, f"--uncertainty: {error}") from None
     if found["converged"] < samples:
-        note(f"warning: {where}: {samples - found['converged']} of {samples} draws have no trustworthy result")
+        note(f"warning: {where}: no trustworthy result in {samples - found['converged']} of {counted(samples, 'draw')}")
     return found
 
 

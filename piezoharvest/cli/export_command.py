@@ -9,11 +9,11 @@ from typing import Any
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study, with_shunts
 from piezoharvest.cli.notes import note, telling
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import check_file, write_text
-from piezoharvest.records.finding import counted
 from piezoharvest.study import Study, StudyError
 
 MOST_BYTES = 1 << 20  # of a netlist

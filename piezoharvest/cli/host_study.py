@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from piezoharvest.counting import counted
 from piezoharvest.output import OutputError
 from piezoharvest.readers import ReadError
 from piezoharvest.readers.uff import ModeShapes
@@ -30,7 +31,7 @@ def with_host(template: str, path: Path, target: Path) -> str:
     found = ", ".join(f"{f:.4g}" for f in shapes.frequency[:6]) + (", ..." if count > 6 else "")
     couplings = [float(f"{np.sqrt(_COUPLED * _CAPACITANCE) * 2 * np.pi * first:.2g}")] * count
     lines = [
-        f"[transducer]                     # (?): what the file does not know; {count} modes at {found} Hz",
+        f"[transducer]                     # (?): what the file does not know; {counted(count, 'mode')} at {found} Hz",
         tomli_w.dumps({"modes_file": name}).strip(),
         f"capacitance = {_CAPACITANCE:g}             # (?) F, clamped",
         "",

@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from piezoharvest.cli.notes import note
+from piezoharvest.counting import counted
 from piezoharvest.output import OutputError, check_file, write_text
 from piezoharvest.study import StudyError
 
@@ -99,7 +100,7 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
         except ReadError as error:
             raise StudyError(path, error.column, error.message) from None
         if found[-1].count < _LEAST_ROWS:
-            note(f"warning: {path}: found only {found[-1].count} rows of numbers; is the file cut off?")
+            note(f"warning: {path}: found only {counted(found[-1].count, 'row')} of numbers; is the file cut off?")
     signals = [each for each in found if each.kind == "time"]
     same = all((each.columns, each.units) == (signals[0].columns, signals[0].units) for each in signals)
     shared = list(_channels(signals[0])) if signals and same else []

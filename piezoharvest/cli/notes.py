@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, left_in_words, time_left
+from piezoharvest.progress import line as line_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -32,7 +33,7 @@ def quiet() -> bool:
 def note(text: str) -> None:
     """Print progress, a remark or a warning to stderr."""
     if not _quiet or text.startswith(_BEGINNINGS):
-        print(text, file=sys.stderr, flush=True)
+        print(line_of(text), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -53,7 +54,10 @@ def telling() -> Iterator[Tell]:
                 line.console.print(text, markup=False, highlight=False, soft_wrap=True)
             elif text.total:
                 at = line.tasks[task].elapsed or 0.0
-                line.update(task, description=text, completed=text.done, total=text.total, at=at)
+                begun = 0.0 if text.spent is None else at - text.spent
+                line.update(
+                    task, description=text, completed=text.done, total=text.total, at=at, begun=begun, most=text.most
+                )
             else:
                 line.update(task, description=text)
 
@@ -87,9 +91,12 @@ def bar(*texts: str, clock: bool = False, rate: str = "") -> Iterator[tuple[Bar,
 
         def render(self, task: Task) -> Text:
             at = task.fields.get("at")
-            known = at is not None
-            left = _left(task.completed, task.total, task.elapsed, at) if known else task.time_remaining
-            return Text("" if left is None else f"about {_clock(left)} left")
+            if at is None:
+                left = task.time_remaining
+            else:
+                begun = task.fields["begun"]
+                left = time_left(task.completed, task.total, (task.elapsed or 0.0) - begun, at - begun)
+            return Text("" if left is None else left_in_words(left, most=task.fields.get("most", False)))
 
     console = Console(file=sys.stderr)
     if quiet() or not console.is_terminal:
@@ -111,18 +118,3 @@ def progress_of(what: str) -> Iterator[Callable[[int, int], None]]:
             return
         line, task = found
         yield lambda done, total: line.update(task, completed=done, total=total)
-
-
-def _left(done: float, total: float | None, now: float | None, at: float) -> float | None:
-    """Time left, s, where `done` parts of `total` were done `at` a time; None where nothing is, or it is over."""
-    if not done or not total or now is None:
-        return None
-    left = at / done * (total - done) - (now - at)
-    return left if left > 0 else None
-
-
-def _clock(seconds: float) -> str:
-    """A time in hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

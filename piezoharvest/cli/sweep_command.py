@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import driven_study
 from piezoharvest.cli.notes import note, progress_of
+from piezoharvest.counting import counted
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
@@ -40,11 +41,11 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
 def _report_outcome(result: SweepResult) -> int:
     """Report the outcome on stderr; returns the exit status."""
     new = result.designs - result.resumed
-    note(f"{new} designs in {result.seconds:.1f} s ({result.designs_per_second:.0f} a second): {result.out}")
+    note(f"{counted(new, 'design')} in {result.seconds:.1f} s ({result.designs_per_second:.0f} a second): {result.out}")
     if not result.failed and not result.incomplete:
         return 0
     said = [
-        f"{count} of {result.rows} rows {what}"
+        f"{count} of {counted(result.rows, 'row')} {what}"
         for count, what in (
             (result.failed, "did not converge (converged is false)"),
             (result.incomplete, "converged, but have no value for some output (null)"),

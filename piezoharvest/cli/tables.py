@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from piezoharvest.counting import counted
 from piezoharvest.description.netlist import UNITS
 from piezoharvest.description.shunts import registered
 from piezoharvest.study.building import component_in
@@ -121,7 +122,7 @@ def print_intervals(shunts: Sequence[str], spread: Sequence[Mapping[str, Any] | 
     ]
     names = [f"{shunt} {_QUANTILES[key]}" for shunt, _, key in rows]
     trusted = [found["converged"] == found["samples"] for _, found, _ in rows]
-    _print_table(f"over {rows[0][1]['samples']} draws of the specimen", "quantile", names, columns, trusted)
+    _print_table(f"over {counted(rows[0][1]['samples'], 'draw')} of the specimen", "quantile", names, columns, trusted)
 
 
 def percent(share: float | None) -> float | None:
@@ -273,9 +274,9 @@ def _lines_of(table: Mapping[str, Any], cls: type[Component] | None, ideal: Mapp
             lines += _keys_of_others(table[key], ideal)
             continue
         if key == "netlist":  # that of a circuit simulator
-            value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
+            value = counted(sum(map(bool, map(str.strip, value.splitlines()))), "line")
         if isinstance(value, Mapping) and "currents" in value:  # a curve
-            value = f"{len(value['currents'])} points"
+            value = counted(len(value["currents"]), "point")
         if parts := _parts_of(key, value):
             for path, part in parts.items():
                 own = {name.removeprefix(f"{path}."): x for name, x in ideal.items() if name.startswith(f"{path}.")}

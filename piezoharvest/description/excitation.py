@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import Component, ParameterError, described, quantity, subclasses_by
 
 if TYPE_CHECKING:
@@ -202,7 +203,8 @@ class Multisine(Excitation):
         super().__post_init__()
         for name in ("amplitudes", "phases"):
             if len(getattr(self, name)) != len(self.frequencies):
-                found = f"found {len(getattr(self, name))} values for {len(self.frequencies)} frequencies"
+                values = counted(len(getattr(self, name)), "value")
+                found = f"found {values} for {counted(len(self.frequencies), 'frequency', 'frequencies')}"
                 raise ParameterError(name, f"{found}, each frequency needs one")
         if not self.frequencies:
             raise ParameterError("frequencies", "found an empty list, at least one frequency is needed")
@@ -422,7 +424,9 @@ class Record(Samples):
             row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]
             raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, must be a finite number")
         if len(values) < 2:
-            raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed are two or more")
+            raise ParameterError(
+                "file", f"found {counted(len(values), 'sample')} in {self.file}, allowed are two or more"
+            )
         return values
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 
 
@@ -77,7 +78,7 @@ class Hysteresis(Component):
         if len(self.thresholds) != len(self.weights):
             raise ParameterError(
                 "weights",
-                f"found {len(self.weights)} for {len(self.thresholds)} thresholds, each threshold needs one",
+                f"found {len(self.weights)} for {counted(len(self.thresholds), 'threshold')}, each threshold needs one",
             )
         for before, after in zip(self.thresholds, self.thresholds[1:], strict=False):
             if not np.all(after > before):

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import LARGEST, SMALLEST, ParameterError
 
 KEY, PLACES, STATE_SPACE = "modes_file", "shapes", ".spm"
@@ -168,7 +169,7 @@ def _list(key: str, value: Any, count: int, name: str) -> np.ndarray:
     except (TypeError, ValueError):
         raise ParameterError(f"{PLACES}.{key}", f"found {value!r:.40}, must be a list of numbers") from None
     if found.shape != (count,):
-        message = f"found {value!r:.40}, must be a list of {count} numbers, one for each mode in {name}"
+        message = f"found {value!r:.40}, must be a list of {counted(count, 'number')}, one for each mode in {name}"
         raise ParameterError(f"{PLACES}.{key}", message)
     return found
 
@@ -206,18 +207,18 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
     if spare:
         found = f"found column {spare[0]!r}, but {electrodes} pair{'s' if electrodes > 1 else ''} of electrodes"
         raise ParameterError(KEY, f"{name}: {found}; each further pair needs a table [[transducer.electrodes]]")
-    for message, row in _faults(columns):
+    for message, row in _faults(columns, "nan or an empty cell"):
         at = numbering[row] if isinstance(numbering, np.ndarray) else numbering + row
         raise ParameterError(KEY, f"{name}, row {at}: {message}")
     return {"sensor": columns["force"], **columns}
 
 
-def _faults(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, int]]:
-    """What is wrong with values, and in which row."""
+def _faults(columns: Mapping[str, np.ndarray], missing: str = "nan") -> Iterator[tuple[str, int]]:
+    """What is wrong with values, and in which row; `missing` says what a nan stands for."""
     for column, values in columns.items():
         least = {"frequency_Hz": "greater than 0 Hz", "damping_ratio": "at least 0"}.get(column, "")
         for row, value in enumerate(values):
             fine = (SMALLEST < abs(value) < LARGEST and np.imag(value) == 0) or value == 0
             if not fine or (column == "frequency_Hz" and value <= 0) or (column == "damping_ratio" and value < 0):
-                found = "an empty cell" if np.isnan(value) else value
+                found = missing if np.isnan(value) else value
                 yield f"found {found} in column {column!r}, must be a finite number {least}".rstrip(), row

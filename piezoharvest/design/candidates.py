@@ -14,7 +14,9 @@ from piezoharvest.design.added_damping import added_damping
 from piezoharvest.design.drafts import Draft, any_harvests
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
+from piezoharvest.design.parts.choice import PartsChoice, PartsChooser, RobustChoice
+from piezoharvest.design.parts.rounding import Judge
+from piezoharvest.design.parts.series import Series
 from piezoharvest.design.places import lists_of
 from piezoharvest.design.result import Candidate
 from piezoharvest.design.robust.robustness import Robustness
@@ -32,7 +34,7 @@ from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.settled import settled_starts
 from piezoharvest.design.tuning.starts import Host, Start
-from piezoharvest.progress import Step
+from piezoharvest.progress import Stage, Step
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
 _MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
@@ -136,7 +138,8 @@ class CandidateMaker:
             return tuned
         self.progress(Step(f"{draft.kind}: tuning for the worst case"))
         try:
-            return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+            exact = self._on_two_port(tuned.shunt)
+            return self.robust.hardened(draft, tuned, self._region(draft), exact, self.progress)
         except ParameterError as error:
             self.notes.append(f"{draft.kind}: not tuned for its worst case: {error.message}")
             return tuned
@@ -172,14 +175,17 @@ class CandidateMaker:
         found = joint_starts(view, draft, self.host)
         if lists_of(type(draft.shunt)):  # a branch for each mode: with so many parts one tuning takes seconds
             found = [min(found, key=lambda start: view.merit(draft.with_values(start.values)))]
-        best = _best(tune(view, draft, start, region) for start in found)
+        names = [f"tuning, start {n + 1} of {len(found)}" if len(found) > 1 else "tuning" for n in range(len(found))]
+        each = zip(found, names, strict=True)
+        best = _best(tune(view, draft, start, region, self._stage(draft, name)) for start, name in each)
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.
             view = view.working(best.shunt)
-            best = tune(view, draft, _start_at(draft, best), region)._replace(start=best.start)
+            stage = self._stage(draft, "tuning at the amplitude found")
+            best = tune(view, draft, _start_at(draft, best), region, stage)._replace(start=best.start)
         if self.is_exact(view, best.shunt):
             return best
-        refined = refine(self.trial, draft, _start_at(draft, best), region)
+        refined = refine(self.trial, draft, _start_at(draft, best), region, self._stage(draft, "tuning by simulation"))
         steps = best.iterations + refined.iterations
         return refined._replace(method=f"{best.method}, {refined.method}", iterations=steps)
 
@@ -196,11 +202,33 @@ class CandidateMaker:
         """The tuned parts as they can be bought, where a series is asked for."""
         if self.options.parts is None or not draft.free:
             return None
-        if not isinstance(tuned, LinearShunt):
-            return PartsChooser(self.trial, self.goal, None, False, None).choose(draft, tuned)
-        view = self._view(draft).working(tuned)
-        exact = self.is_exact(view, tuned)
-        return PartsChooser(self.trial, self.goal, view, exact, self._region(draft)).choose(draft, tuned)
+        view, exact, region = None, False, None
+        if isinstance(tuned, LinearShunt):
+            view, region = self._view(draft).working(tuned), self._region(draft)
+            exact = self.is_exact(view, tuned)
+        robust = self._robust_parts(tuned, region) if self.robust and self.options.worst_case else None
+        return PartsChooser(self.trial, self.goal, view, exact, region, self.progress, robust).choose(draft, tuned)
+
+    def _robust_parts(self, tuned: Shunt, region: Region | None) -> RobustChoice:
+        """What chooses parts for their worst case; those that are best without a tolerance where there is none."""
+        exact = self._on_two_port(tuned)
+
+        def choose(
+            draft: Draft, series: Series, known: dict[str, float]
+        ) -> tuple[dict[str, float], Judge | None, bool]:
+            assert self.robust is not None
+            try:
+                return self.robust.rounded(draft, series, known, region, exact, self.progress)
+            except ParameterError as error:
+                note = f"its parts of {series.name} are those of the best nominal figure"
+                self.notes.append(f"{tuned.kind}: {note}: {error.message}")
+                return known, None, True
+
+        return choose
+
+    def _stage(self, draft: Draft, name: str) -> Stage:
+        """What tells how far a tuning is, which ends as soon as it has converged."""
+        return Stage(self.progress, f"{draft.kind}: {name}", "steps", most=True)
 
     def _view(self, draft: Draft) -> LinearView:
         """The two-port, for a synthesised network in its faster form."""

@@ -230,7 +230,7 @@ class _Design:
         found = []
         for place in self.places.values():
             assert place.maker is not None
-            tracer = FrontTracer(place.view, place.maker.host, place.maker.is_exact)
+            tracer = FrontTracer(place.view, place.maker.host, place.maker.is_exact, progress=self.progress)
             for draft, best in place.maker.tuned:
                 self.progress(Step(f"{draft.kind}: front between power and damping"))
                 front = tracer.front(draft, best)
@@ -300,11 +300,6 @@ def _about_parts(options: DesignOptions) -> Iterator[str]:
         return
     if options.objective == "trade_off":
         yield f"the front is that of parts as tuned, not of parts of {options.parts}"
-    if options.worst_case:
-        yield (
-            f"parts of {options.parts} are those of the best nominal figure beside what was tuned for the worst case; "
-            "the worst case is that of these parts"
-        )
 
 
 def _beyond(candidate: Candidate, bound: Bound) -> str:

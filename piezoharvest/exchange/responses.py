@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError, named_kind
 from piezoharvest.linear.response import FrequencyResponse
 from piezoharvest.linear.twoport import TwoPort
@@ -69,7 +70,7 @@ def two_port_from(response: Any) -> TwoPort:
     """
     if hasattr(response, "z0"):  # of scikit-rf, which is not needed for the others
         if response.number_of_ports != 2:
-            raise ParameterError("response", f"found {response.number_of_ports} ports, must be two")
+            raise ParameterError("response", f"found {counted(response.number_of_ports, 'port')}, must be two")
         return TwoPort(np.array(response.f, float), np.array(response.z))
     data, omega = _data(response)
     named = {"input": list(response.input_labels), "output": list(response.output_labels)}

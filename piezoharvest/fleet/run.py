@@ -15,6 +15,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TextIO
 
+from piezoharvest.counting import counted
 from piezoharvest.fleet.campaigns import campaigns_in, fingerprint
 from piezoharvest.fleet.row import COLUMNS, Row, diagnosed
 from piezoharvest.output import check_file, write_text
@@ -112,7 +113,7 @@ def diagnose_fleet(
             notify(f"{out} holds no table of verdicts, and will be replaced by one")
         known = _same([*complete, *_lines(partly)], marks)
         if known:
-            notify(f"{len(known)} of {len(files)} campaigns have their verdicts already")
+            notify(f"verdicts of {len(known)} of {counted(len(files), 'campaign')} are there already")
         count, paths = len(known), {str(path.relative_to(folder)): path for path in files}
         progress(count, len(files))
         names = [name for name in marks if name not in known]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Whitener
@@ -50,7 +51,7 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
 def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
     """Warning about the fit of a response, or ""."""
     if data.reference is None:
-        return f"{data.name}: {len(data)} lines are too few to show their noise: the residual was used instead"
+        return f"{data.name}: {counted(len(data), 'line')}, too few to show their noise: the residual was used instead"
     if judged.missed is not None:
         return (
             f"{data.name}: near {judged.missed:.6g} Hz the fit is off by {judged.share:.0%} of the response, where the "

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -19,7 +20,6 @@ from piezoharvest.identify.saving import save, specimen_of
 from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.records.campaign import Campaign
-from piezoharvest.records.finding import counted
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,8 @@ class Identification(Shown):
         """How many parameters of how many records, and whether to trust them."""
         known = sum(estimate.identifiable for estimate in self.estimates)
         trusted = f"not to be trusted: {'; '.join(self.doubts)}" if self.doubts else "converged"
-        return f"{known} of {len(self.estimates)} parameters from {counted(len(self.records), 'record')}, {trusted}"
+        some = f"{known} of {counted(len(self.estimates), 'parameter')}"
+        return f"{some} from {counted(len(self.records), 'record')}, {trusted}"
 
     @property
     def rows(self) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.circuit import Product, Row, State
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import LinearShunt, Shunt
@@ -141,7 +142,7 @@ def hysteresis_slope(
             raise ParameterError("operating_point", f'found "{operating_point}", must be "stick", "slip" or flags')
         operating_point = [operating_point == "slip"] * len(weights)
     if len(operating_point) != len(weights):
-        found = f"found {len(operating_point)} flags for {len(weights)} operators"
+        found = f"found {counted(len(operating_point), 'flag')} for {counted(len(weights), 'operator')}"
         raise ParameterError("operating_point", f"{found}, each operator needs one")
     return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
 

@@ -64,6 +64,8 @@ class CouplingFactors(NamedTuple):
 def resonances(transducer: Transducer, *, operating_point: OperatingPoint = "stick") -> Resonances:
     """Short- and open-circuit resonance frequencies and damping ratios of all modes.
 
+    Shorted, or open, are the electrodes 0; further ones are open in both.
+
     Parameters
     ----------
     transducer : Transducer

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.system import System
@@ -56,7 +57,7 @@ class FrequencyResponse(Shown):
     @property
     def heading(self) -> str:
         """How many frequencies it has, between which, and to what drive."""
-        designs = f"{len(self.displacement)} designs at " if np.ndim(self.displacement) > 1 else ""
+        designs = f"{counted(len(self.displacement), 'design')} at " if np.ndim(self.displacement) > 1 else ""
         return f"{designs}{over(self.frequencies)}, per {'m/s^2 of base acceleration' if self.base else 'N of force'}"
 
     @property

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.damping.digital import Digital
 from piezoharvest.description.system import System
@@ -48,7 +49,8 @@ class SampledLoop:
 
     def __repr__(self) -> str:
         """The loop in a line."""
-        return f"<SampledLoop: {len(self.matrix)} states, every {self.sample_time:.6g} s, radius {self.radius:.6g}>"
+        states = counted(len(self.matrix), "state")
+        return f"<SampledLoop: {states}, every {self.sample_time:.6g} s, radius {self.radius:.6g}>"
 
     @property
     def poles(self) -> np.ndarray:

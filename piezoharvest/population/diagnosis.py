@@ -9,6 +9,7 @@ from pathlib import Path
 
 from scipy.stats import chi2
 
+from piezoharvest.counting import counted
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose.diagnosis import diagnose
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
@@ -138,7 +139,8 @@ class SpecimensDiagnosis:
         """The verdict in words."""
         shared = " and ".join(sorted(self.form.form)) or "no effect"
         count = len(self.of_kind)
-        text = f"{count} of {len(self.each)} specimens are of one kind, with {shared}"
+        text = f"{count} of {counted(len(self.each), 'specimen')} {'is' if count == 1 else 'are'} of one kind"
+        text = f"{text}, with {shared}"
         others = [*(odd_sentence(self.specimens.names[n], what) for n, what in self.pooled.odd.items())]
         for n in self.form.apart:
             own = " and ".join(map(kind_of, self.each[n].effects)) or "no effect"

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import Reader, ReadError, check_count
 from piezoharvest.readers.units import Unit, stated_unit
 
@@ -48,7 +49,8 @@ class SpiceRaw(Reader):
             raise ReadError("the header has no number of variables or points") from None
         names = header["variables"].split("\n")
         if not (0 < count == len(names) and points > 1):
-            raise ReadError(f"found {len(names)} variables and {points} points, the header says {count} variables")
+            found = f"found {counted(len(names), 'variable')} and {counted(points, 'point')}"
+            raise ReadError(f"{found}, the header says {counted(count, 'variable')}")
         check_count(count * points)
         self.names = tuple(names)
         if self._over_frequency:
@@ -133,14 +135,14 @@ def _binary(body: bytes, count: int, points: int, flags: str) -> np.ndarray:
         rows = np.frombuffer(body, mixed)
         return np.vstack([rows["time"], rows["rest"].T])
     wanted = f"{8 * count * points} or {mixed.itemsize * points} bytes of values"
-    raise ReadError(f"found {len(body)} bytes of values, allowed are {wanted}: cut off, or of several runs")
+    raise ReadError(f"found {counted(len(body), 'byte')} of values, allowed are {wanted}: cut off, or of several runs")
 
 
 def _complex(body: bytes, count: int, points: int, flags: Sequence[str]) -> np.ndarray:
     """Complex values (count, points), of double precision."""
     if len(body) != 16 * count * points:
         raise ReadError(
-            f"found {len(body)} bytes of values, must be {16 * count * points}: cut off, or of several runs"
+            f"found {counted(len(body), 'byte')} of values, must be {16 * count * points}: cut off, or of several runs"
         )
     values = np.frombuffer(body, "<c16")
     return values.reshape(count, points) if "fastaccess" in flags else values.reshape(points, count).T
@@ -157,4 +159,4 @@ def _text(body: bytes, count: int, points: int, kind: type = float) -> np.ndarra
         values = np.array(words, float)
         return values.reshape(points, count + 1)[:, 1:].T
     except ValueError:
-        raise ReadError(f"the text does not hold {points} points of {count} numbers") from None
+        raise ReadError(f"the text does not hold {counted(points, 'point')} of {counted(count, 'number')}") from None

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import Reader, ReadError, check_count, cut, numbers
 from piezoharvest.readers.units import Unit, ratio_of, unit_of
 
@@ -46,7 +47,9 @@ class Uff(Reader):
         if not functions:
             modes = sum(each["type"] == 55 for each in _read(path, (55,)))
             if modes:
-                host = f"{modes} modes (data sets 55), which a study takes as the modes_file of its transducer"
+                host = (
+                    f"{counted(modes, 'mode')} (data sets 55), which a study takes as the modes_file of its transducer"
+                )
                 raise ReadError(f"found no function (data set 58) but {host}")
             open_end = path.read_bytes().replace(b" ", b"").splitlines().count(b"-1") % 2
             cut_off = ": its last data set has no end (-1), the file is cut off" if open_end else ""
@@ -172,7 +175,7 @@ class ModeShapes:
         count = self._shapes.shape[2]
         if found is None or int(found[1]) not in self._nodes or _FREEDOMS.index(found[3]) >= count:
             nodes = f"{self._nodes.min()} to {self._nodes.max()}"
-            known = f"{', '.join(_FREEDOMS[:count])} at {len(self._nodes)} nodes from {nodes}"
+            known = f"{', '.join(_FREEDOMS[:count])} at {counted(len(self._nodes), 'node')} from {nodes}"
             raise ReadError(
                 f"found no {str(place)!r:.40}, allowed are a node, a sign and a direction as '12+Z', with {known}"
             )
@@ -193,7 +196,7 @@ def _read(path: Path, types: Sequence[int] = (58, 164)) -> list[dict[str, Any]]:
         sets: list[dict[str, Any]] = [file.read_sets(n) for n in wanted]  # pyright: ignore[reportAssignmentType] - one
         for each in sets:
             if each["type"] == 58 and not len(each["data"]) == len(each["x"]) == each["num_pts"] > 0:
-                raise ValueError(f"{len(each['data'])} values where {each['num_pts']} are stated")
+                raise ValueError(f"{counted(len(each['data']), 'value')} where {each['num_pts']} are stated")
     except MemoryError:
         raise
     except Exception as error:  # pyuff raises any exception on damaged files

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from piezoharvest.counting import counted
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.notebook import Shown
 from piezoharvest.records.bench_limits import BenchLimits
-from piezoharvest.records.finding import Finding, counted
+from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 
 

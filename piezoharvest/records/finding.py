@@ -57,11 +57,6 @@ def in_words(rows: Rows) -> str:
     return ("row " if len(rows) == 1 and rows[0][0] == rows[0][1] else "rows ") + ", ".join(parts) + more
 
 
-def counted(count: int, one: str) -> str:
-    """Text for a number of items: "1 gap", "3 gaps"."""
-    return f"{count} {one}{'' if count == 1 else 's'}"
-
-
 def runs(mask: np.ndarray) -> np.ndarray:
     """First and last index of every run of True in a mask (n,), as an integer array (runs, 2)."""
     edges = np.flatnonzero(mask[1:] != mask[:-1]) + 1

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.modes_file import check_base
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
@@ -19,7 +20,7 @@ from piezoharvest.records import campaign as plain
 from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.checks import check
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.finding import Finding, counted
+from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.entries import (
     FrfEntry,
     TimeEntry,

@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.notebook import Shown, frame
-from piezoharvest.records.finding import counted
 from piezoharvest.records.gate import Edges, rising_edges
 from piezoharvest.records.harmonics import Harmonics
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.records.finding import Finding, counted
+from piezoharvest.records.finding import Finding
 from piezoharvest.records.loading import Campaign, campaign_of, checked, reading
 from piezoharvest.study import read_toml
 from piezoharvest.study.words import typed

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.shunts import Open, Short
 from piezoharvest.design.result import DesignResult
 from piezoharvest.engine.response import Waveforms
@@ -209,7 +210,7 @@ class Gallery:
     @staticmethod
     def _dropped(found: Sequence[CandidateCurve]) -> str:
         missing = sum(curve.missing for curve in found)
-        return f" {missing} points without a trustworthy result are omitted." if missing else ""
+        return f" Omitted without a trustworthy result: {counted(missing, 'point')}." if missing else ""
 
 
 def _origin(found: Sequence[CandidateCurve]) -> str:

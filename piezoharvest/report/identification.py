@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from piezoharvest.counting import counted
 from piezoharvest.identify import Estimate, Identification
 from piezoharvest.identify.prediction_overlay import Predicted, predictions
 from piezoharvest.output import write_text
@@ -89,7 +90,8 @@ def _load(each: Predicted) -> str:
 def _sentence(found: Identification) -> str:
     known = sum(estimate.identifiable for estimate in found.estimates)
     fitted = sum(record.role == "fit" for record in found.records)
-    text = f"{known} of {len(found.estimates)} parameters are determined by {fitted} record{'s' * (fitted != 1)}."
+    some = f"{known} of {counted(len(found.estimates), 'parameter')} {'is' if known == 1 else 'are'}"
+    text = f"{some} determined by {counted(fitted, 'record')}."
     unseen = bool(found.validation.rms)
     quality, words = (found.validation, "records that were not fitted") if unseen else (found.fit, "these records")
     ratios = [f"{channel} {number(quality.ratio(channel), 3)}" for channel, noise in quality.noise.items() if noise]

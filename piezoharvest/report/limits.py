@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +78,9 @@ class ModeFigures:
     Attributes
     ----------
     short_circuit, open_circuit : float
-        Undamped resonances.
+        Undamped resonances with the electrodes 0 shorted and open, further ones open.
+    all_shorted : float
+        That with all electrodes shorted: the mode's alone, but for hysteresis that sticks.
     coupling_squared : float
         k_e^2 = (w_oc^2 - w_sc^2)/w_sc^2.
     quality : float
@@ -86,6 +89,7 @@ class ModeFigures:
 
     short_circuit: float
     open_circuit: float
+    all_shorted: float
     coupling_squared: float
     quality: float
 
@@ -99,11 +103,14 @@ def mode_figures(transducer: Transducer, operating_point: str = "stick") -> tupl
     """Figures of all modes; `operating_point` is "stick" or "slip", the state of the hysteresis."""
     found = resonances(transducer, operating_point=operating_point)
     short, opened = found.short_circuit.undamped, found.open_circuit.undamped
+    # With shorts across them, further electrodes add nothing to the stiffness: as if there were none.
+    alone = dataclasses.replace(transducer, electrodes=())
+    shorted = resonances(alone, operating_point=operating_point).short_circuit.undamped
     modes = sorted(transducer.all_modes, key=lambda mode: mode.stiffness / mode.mass)
     quality = [
         np.sqrt(mode.stiffness * mode.mass) / mode.damping if mode.damping > 0 else float("inf") for mode in modes
     ]
     return tuple(
-        ModeFigures(float(sc), float(oc), float((oc**2 - sc**2) / sc**2), float(q))
-        for sc, oc, q in zip(short, opened, quality, strict=True)
+        ModeFigures(float(sc), float(oc), float(all_sc), float((oc**2 - sc**2) / sc**2), float(q))
+        for sc, oc, all_sc, q in zip(short, opened, shorted, quality, strict=True)
     )

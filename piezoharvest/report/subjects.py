@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.curves.broken_line import BrokenLine
@@ -111,7 +112,7 @@ def values_of(shunt: Component) -> Iterator[tuple[str, str]]:
     for key, value in given_keys(shunt).items():
         given = getattr(shunt, key)
         if key == "netlist" and isinstance(value, str):  # that of a circuit simulator
-            yield "netlist", f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
+            yield "netlist", counted(sum(map(bool, map(str.strip, value.splitlines()))), "line")
         elif key == "netlist":
             texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)

@@ -284,13 +284,30 @@ def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[s
         for n in range(len(modes))
     ]
     figures = [mode for _, modes in found for mode in modes]
-    rows = [
-        ("short-circuit resonance", [engineering(m.short_circuit, "Hz", 5) for m in figures], "undamped"),
-        ("open-circuit resonance", [engineering(m.open_circuit, "Hz", 5) for m in figures], "undamped"),
+    shorted = [engineering(m.short_circuit, "Hz", 5) for m in figures]
+    opened = [engineering(m.open_circuit, "Hz", 5) for m in figures]
+    if transducer.electrodes:  # what a shunt at electrodes 0 sees is neither with all shorted nor a patch alone
+        every = [engineering(m.all_shorted, "Hz", 5) for m in figures]
+        remark = "undamped, electrodes 0 shorted and all others open"
+        rows = [
+            ("short-circuit resonance", every, "undamped, all electrodes shorted"),
+            ("f_sc of electrodes 0", shorted, remark),
+            ("open-circuit resonance f_oc", opened, "undamped, all electrodes open"),
+        ]
+    else:
+        rows = [
+            ("short-circuit resonance", shorted, "undamped"),
+            ("open-circuit resonance", opened, "undamped"),
+        ]
+    rows += [
         ("coupling k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),
         ("mechanical quality Q_m", [number(m.quality) if np.isfinite(m.quality) else "∞" for m in figures], "√(k m)/b"),
         ("k_e² Q_m", [number(m.merit) if np.isfinite(m.merit) else "∞" for m in figures], _MERIT),
-        ("matched resistance", [_matched(m, transducer) for m in figures], "1/(C ω) at the short-circuit resonance"),
+        (
+            "matched resistance",
+            [_matched(m, transducer) for m in figures],
+            f"1/(C ω) at {'f_sc' if transducer.electrodes else 'the short-circuit resonance'}",
+        ),
     ]
     blank, noise = [""] * (len(figures) - 1), white_input(transducer, study.excitation)
     if noise is not None:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.units import bracketed
 from piezoharvest.records.reading.channels import UNITS
 
@@ -127,7 +128,7 @@ def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
     if isinstance(value, list | tuple) and value and all(isinstance(v, int | float) for v in value):
         return listed(value, unit or "", digits)
     if isinstance(value, Mapping) and "currents" in value:  # a curve
-        return f"{len(value['currents'])} points"
+        return counted(len(value["currents"]), "point")
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return str(value)
     return engineering(float(value), unit or "", digits, exact=True)

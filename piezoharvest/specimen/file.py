@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from piezoharvest.counting import counted
 from piezoharvest.description.effects import Effect, registered
 from piezoharvest.description.effects.nameless.kinds import in_a_path
 from piezoharvest.description.parameters import ParameterError
@@ -197,7 +198,8 @@ def _covariance(table: Any, errors: Mapping[str, float]) -> tuple[np.ndarray, tu
         matrix = np.array(table["matrix"], float).reshape(len(names), len(names))
     except (TypeError, ValueError):
         raise ParameterError(
-            "covariance.matrix", f"allowed are {len(names)} rows of {len(names)} numbers, one for each parameter"
+            "covariance.matrix",
+            f"allowed are {counted(len(names), 'row')} of {counted(len(names), 'number')}, one for each parameter",
         ) from None
     size = np.sqrt(np.abs(np.diag(matrix))) + 1e-300
     relative = matrix / np.outer(size, size)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.base import LinearShunt, Shunt
 from piezoharvest.description.shunts.cold_start import StartedSwitch
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.breakers import write_breakers
@@ -40,9 +40,10 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
     """
     if shunt.kind not in WRITERS:
         known = ", ".join(sorted(WRITERS))
-        raise ParameterError(
-            "shunt", f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
-        )
+        found = f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
+        if isinstance(shunt, LinearShunt):
+            found += "; shunt_from(linearize_shunt(...)) makes a network of it"
+        raise ParameterError("shunt", found)
     deck.section(f"shunt: {shunt.kind}")
     if isinstance(shunt, StartedSwitch) and shunt.start_voltage is not None:
         write_control(deck, shunt, point)

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.catalogue.parts import parts
 from piezoharvest.description.diode import exponential_curve
 from piezoharvest.description.excitation import Excitation, Tones
@@ -256,7 +257,9 @@ def _write_window(
             raise ParameterError(key, f"found {value}, must be a whole number of at least {least}")
     start = point.start
     begins = FROM_REST if start is None else f"from a steady state, {number(start.time)} s after phase zero"
-    deck.comment(f"{periods} periods of {number(period)} s {begins}, of which the last {measured} are measured.")
+    deck.comment(
+        f"{counted(periods, 'period')} of {number(period)} s {begins}, of which the last {measured} are measured."
+    )
     if periods < wanted:
         deck.comment(
             f"This may be short: transients may last about {wanted} periods. Lengthen .tran and move the window of "

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from studies import BENCH, DRIVE, LOOP
 
+from piezoharvest import linearize_shunt
 from piezoharvest.description import shunts
 from piezoharvest.description.circuit import Guard, Product, State
 from piezoharvest.description.excitation import SineForce
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.switching import InductiveSwitch
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
+from piezoharvest.exchange import shunt_from
 from piezoharvest.linear import frequency_response
+from piezoharvest.spice import export_spice
 
 DEVICE = Transducer(**BENCH)
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
@@ -128,3 +131,33 @@ def test_switched_circuit_takes_its_timing_from_the_package():
     total = found.energy["harvested"] + found.energy["shunt_loss"]
     assert total == pytest.approx(wanted.energy["shunt_loss"], rel=1e-9)
     assert np.all(np.isfinite(found.waveforms.voltage))
+
+
+def test_a_linear_circuit_is_exported_as_the_network_of_its_admittance():
+    """The message named the kinds of the package only, with no way for a kind of one's own."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class LossyCapacitor(shunts.LinearShunt):
+        """Capacitance with a series resistance."""
+
+        kind: ClassVar[str] = "my_lossy_capacitor"
+        source: ClassVar[str] = "a user's notebook"
+        capacitance: float = quantity("F", "capacitance", above=0)
+        resistance: float = quantity("ohm", "series resistance", above=0)
+
+        def states(self, capacitance):
+            return (State("voltage", self.capacitance),)
+
+        def equations(self, configuration, port, z, dz):
+            return [self.resistance * port.i + z.voltage - port.v, self.capacitance * dz.voltage - port.i]
+
+        def powers(self, configuration, port, z):
+            return {"harvested": [Product(self.resistance, port.i, port.i)]}
+
+    shunt = LossyCapacitor(capacitance=1e-7, resistance=1e5)
+    with pytest.raises(ParameterError, match=r"shunt_from\(linearize_shunt\(...\)\) makes a network of it"):
+        export_spice(DEVICE, shunt, DRIVE)
+    network = shunt_from(linearize_shunt(shunt))
+    assert "shunt: network" in export_spice(DEVICE, network, DRIVE)
+    found, wanted = (simulate(System(DEVICE, each), DRIVE).voltage_amplitude for each in (network, shunt))
+    assert found == pytest.approx(wanted, rel=1e-6)

@@ -169,7 +169,7 @@ def test_one_mode_needs_no_branches(host, run):
 def test_lengths_of_lists():
     with pytest.raises(ParameterError, match=r"capacitances: found 2 values for 2 branches, allowed are 1"):
         ParallelBranches(inductances=(1.0, 2.0), resistances=(1.0, 2.0), capacitances=(1.0, 2.0))
-    with pytest.raises(ParameterError, match=r"blocking_inductances: found 1 values"):
+    with pytest.raises(ParameterError, match=r"blocking_inductances: found 1 value "):
         CurrentBlocking(
             inductances=(1.0, 2.0),
             resistances=(1.0, 2.0),

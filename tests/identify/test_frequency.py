@@ -98,7 +98,7 @@ class TestMultisine:
 
     def test_bad_input(self):
         drive, output = measured(system())
-        with pytest.raises(FrequencyError, match="found 1 realisations of 3 periods for 2 inputs"):
+        with pytest.raises(FrequencyError, match="found 1 realisation of 3 periods for 2 inputs"):
             multisine_response(drive[:, :, :1], output[:, :, :1], RATE)
         with pytest.raises(FrequencyError, match=r"must be \(samples, channels, realisations, periods\)"):
             multisine_response(drive[:-1], output, RATE)

@@ -410,7 +410,8 @@ UNIT = matrix_market([np.eye(4)] * 3)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("simplorer { A = [1, 2] }", "host.spm: found 0 matrices in Matrix Market format"),
+        ("simplorer { A = [1, 2] }", "host.spm: found 0 matrices in Matrix Market format,"
+         " must be A, B and C, as SPMWRITE writes them with FileFormat = 1; 0 (dense) and 2 to 4"),
         (matrix_market([np.eye(4), np.ones((3, 1)), np.ones((1, 4))]), "host.spm: found matrices of 4 x 4, 3 x 1"),
         (_changed(0, (2, 1), 5e4), "host.spm: found a matrix A that is not that of modes"),
         (_changed(0, (2, 0), 1.0), "host.spm: found a matrix A that is not that of modes"),
@@ -444,7 +445,7 @@ COUPLED = "coupling_0 = [1]\ncoupling_1 = [1]"
         ("host.unv", "force = '9+Z'\ncoupling_0 = [1]\ncoupling_1 = [1]", "transducer.shapes.force", "found no '9+Z'"),
         (
             "host.unv", "force = '11+Z'\ncoupling_0 = [1, 2]\ncoupling_1 = [1]", "transducer.shapes.coupling_0",
-            "found [1, 2], must be a list of 1 numbers",
+            "found [1, 2], must be a list of 1 number",
         ),
         ("light.unv", f"force = '11+Z'\n{COUPLED}", "transducer.modes_file", "light.unv: mode 1 has a modal mass of 0"),
         ("host.spm", "", "transducer.shapes", "missing table, host.spm has inputs and outputs by number"),

@@ -145,7 +145,7 @@ PLACE, FORM = 'place = {kind = "load"}\n', 'form = {kind = "knee", factor = 1e-5
         (PLACE + FORM + "memories = 1\n", "load knee.memories: unknown key"),
         (PLACE + FORM.replace("knee = 2.0", "sides = 2"), "load knee.form.knee: missing key"),
         (PLACE + FORM.replace("knee = 2.0", "knee = 2.0, sides = 3"), "load knee.form.sides: found 3"),
-        (PLACE + 'form = {kind = "corners", knots = [1.0], kinks = [1.0, 2.0]}\n', "form.kinks: found 2 for 1 knots"),
+        (PLACE + 'form = {kind = "corners", knots = [1.0], kinks = [1.0, 2.0]}\n', "form.kinks: found 2 for 1 knot"),
         (PLACE + 'form = {kind = "corners", knots = [], kinks = []}\n', "form.knots: found (), allowed are finite"),
         (
             'place = {kind = "capacitor"}\nmemory = {kind = "play", threshold = 0.5}\n' + FORM,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.notes import note, progress_of
+from piezoharvest.counting import counted
 
 MAX_ERRORS = 10  # printed one by one; all are in the table
 
@@ -34,7 +35,7 @@ def diagnose_fleet(
     else:
         rows = [[verdict, str(count)] for verdict, count in found.verdicts.most_common()]
         tables.print_rows(str(folder), ["verdict", "campaigns"], rows)
-    note(f"{len(found.rows) - found.resumed} campaigns in {found.seconds:.1f} s: {out}")
+    note(f"{counted(len(found.rows) - found.resumed, 'campaign')} in {found.seconds:.1f} s: {out}")
     for row in found.failed[:MAX_ERRORS]:
         note(f"warning: {row['campaign']}: {row['error'] or 'the fit has not converged, it is not to be trusted'}")
     if len(found.failed) > MAX_ERRORS:

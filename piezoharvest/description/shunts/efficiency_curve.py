@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 
 
@@ -38,7 +39,7 @@ class EfficiencyCurve(Component):
         places = getattr(self, key)
         if not len(places) == len(self.efficiencies) > 0:
             allowed = f"must be as many as efficiencies ({len(self.efficiencies)}), and at least one"
-            raise ParameterError(key, f"found {len(places)} numbers, {allowed}")
+            raise ParameterError(key, f"found {counted(len(places), 'number')}, {allowed}")
         if np.any(np.diff(places) <= 0):
             raise ParameterError(key, f"found {list(places)}, must increase")
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import NamedTuple
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.spice_language.expressions import value_of
 
@@ -246,7 +247,7 @@ def _instance(words, n, scopes, known, prefix, nodes, depth) -> Iterator[Part]:
     if depth == DEPTH:
         raise ValueError(f"subcircuits nested more than {DEPTH} deep")
     if len(bare) - 1 != len(body.pins):
-        raise ValueError(f"found {len(bare) - 1} nodes, {called} has {len(body.pins)} pins")
+        raise ValueError(f"found {counted(len(bare) - 1, 'node')}, {called} has {counted(len(body.pins), 'pin')}")
     inner = {key: value_of(text, known) for key, text in {**body.defaults, **given}.items()}
     own = f"{prefix}{words[0]}."
     joined = {pin: _node(word, prefix, nodes) for pin, word in zip(body.pins, bare[:-1], strict=True)}

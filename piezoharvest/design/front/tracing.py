@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.design.drafts import Draft, any_harvests
@@ -19,6 +20,7 @@ from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host
 from piezoharvest.engine.work_limit import MAX_WORK
+from piezoharvest.progress import silent
 
 _MAX_WORK = MAX_WORK * 5 // 2  # of all fronts together: twice what the tuning may take, about 20 s
 _LOADS = np.geomspace(1 / 30, 30, 13)  # factors of the best load where each has to be simulated alone
@@ -39,12 +41,15 @@ class FrontTracer:
         True for a linear shunt that the two-port tells as much of as the simulation.
     notes : list of str
         Remarks on kinds whose front is left out, or is not complete.
+    progress : callable
+        Takes messages on the progress.
     """
 
     view: LinearView
     host: Host
     exact: Callable[[LinearView, Shunt], bool]
     notes: list[str] = field(default_factory=list)
+    progress: Callable[[str], object] = silent
 
     def __post_init__(self) -> None:
         self.trial = Trial(self.view, left=_MAX_WORK)
@@ -67,14 +72,14 @@ class FrontTracer:
             if figures.converged and not self._violates(shunt, figures)
         ]
         if len(kept) < len(found):
-            what = "do not keep the limits or did not converge"
-            self.notes.append(f"{draft.kind}: {len(found) - len(kept)} designs of its front {what} and are left out")
+            count = counted(len(found) - len(kept), "design")
+            self.notes.append(f"{draft.kind}: left out of its front: {count} beyond the limits or not converged")
         return Front.of(draft.kind, free, kept)
 
     def _designs(self, draft: Draft, best: Shunt) -> Iterator[tuple[Shunt, DesignFigures]]:
         region = Region.of(draft, self.host, self.view.goal.options.max_inductance)
         if isinstance(best, LinearShunt):
-            for shunt in TwoPortFront(self.view, draft, self.host, region, best).designs():
+            for shunt in TwoPortFront(self.view, draft, self.host, region, best, self.progress).designs():
                 yield shunt, self._figures(shunt)
         elif self.view.operation.apart:
             yield from SurfaceFront(self.trial, draft, region, best).designs()

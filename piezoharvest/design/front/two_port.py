@@ -8,6 +8,7 @@ the ends of the range are chosen). Each point is tuned by gradients from the poi
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ from piezoharvest.design.tuning.joint import joint_starts
 from piezoharvest.design.tuning.minimax import MinimaxProgram, tune
 from piezoharvest.design.tuning.region import Region, values_at
 from piezoharvest.design.tuning.starts import Host, Start
+from piezoharvest.progress import Stage, silent
 
 # Steps of the power, and of the damping, each from its own end and wider by the square: near an end the other figure is
 # a parabola, along which such steps are even.
@@ -44,6 +46,8 @@ class TwoPortFront:
     region : Region
     best : Shunt
         The draft tuned for harvest.
+    progress : callable
+        Takes messages on the progress.
     """
 
     view: LinearView
@@ -51,6 +55,7 @@ class TwoPortFront:
     host: Host
     region: Region
     best: Shunt
+    progress: Callable[[str], object] = silent
 
     def designs(self) -> list[Shunt]:
         """Designs from the best for harvest to the best for damping; some may be dominated by others."""
@@ -85,7 +90,10 @@ class TwoPortFront:
         """Designs for a sequence of limits: each is tuned from the one before it, whose peaks it begins with."""
         found, p = [end], self.region.logs(self.draft.values_of(end))
         grid = self.view.grid(end)
-        for limit in limits:
+        name = f"{self.draft.kind}: front from the best for {'harvest' if objective == 'damping' else 'damping'}"
+        stage = Stage(self.progress, name, "designs")
+        for n, limit in enumerate(limits):
+            stage.reached(n, len(limits))
             view = self._view(found[-1], objective, **limit)
             program = MinimaxProgram(view, self.draft, self.region, grid)
             for _ in range(_ROUNDS):

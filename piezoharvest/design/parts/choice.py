@@ -13,16 +13,18 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.parts.rounding import RoundedParts
-from piezoharvest.design.parts.series import series_of
+from piezoharvest.design.parts.rounding import Judge, RoundedParts
+from piezoharvest.design.parts.series import Series, series_of
 from piezoharvest.design.parts.worst_case import PartsSpace, WorstCase, objective_of
 from piezoharvest.design.places import unit_at, value_at
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
+from piezoharvest.progress import silent
 
 _BOUGHT_UNITS = ("ohm", "F", "H")
 # Of the work left when a candidate's parts are chosen: the next candidates have to be tuned, too.
 _SHARE = 0.5
+RobustChoice = Callable[[Draft, Series, dict[str, float]], tuple[dict[str, float], Judge | None, bool]]
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class PartsChoice:
     ideal, values : dict
         Values as tuned and as bought, by key, in SI units.
     cost : float
-        Loss of the objective by rounding: 1 - P/P_ideal, for damping the rise of the displacement in dB.
+        Loss of the objective by rounding: 1 - P/P_ideal, for damping the rise of the displacement in dB. With
+        `worst_case` of a tolerance, that of its worst case.
     tolerance : float
         Relative half-width within which each part varies.
     objective : str
@@ -94,6 +97,11 @@ class PartsChooser:
         True if the two-port is as good as the simulation, and decides.
     region : Region or None
         Values that the tuning may take.
+    progress : callable
+        Takes messages on the progress.
+    robust : callable or None
+        Chooses for the worst case in a tolerance: of a draft, a series and the values that are best without one, gives
+        the values, what has judged them (None: as without), and True if the search was not ended by the budget.
     """
 
     trial: Trial
@@ -101,6 +109,8 @@ class PartsChooser:
     view: LinearView | None
     exact: bool
     region: Region | None
+    progress: Callable[[str], object] = silent
+    robust: RobustChoice | None = None
 
     def choose(self, draft: Draft, tuned: Shunt) -> PartsChoice | None:
         """Round the parts of a tuned draft together; None for a draft without parts that are tuned."""
@@ -112,21 +122,27 @@ class PartsChooser:
         tolerance = series.tolerance if options.parts_tolerance is None else options.parts_tolerance
         judge, affordable = self.view if self.exact and self.view else self.trial, self._budget()
         ideal = dataclasses.replace(draft, shunt=tuned, free=names)
-        rounding = RoundedParts(ideal, series, judge, self.view, self.region, self.goal, affordable)
+        rounding = RoundedParts(
+            ideal, series, judge, self.view, self.region, self.goal, affordable, progress=self.progress
+        )
         values = rounding.run()
+        complete, by = rounding.complete, judge
+        if self.robust is not None:
+            values, of_worst, entire = self.robust(ideal, series, values)
+            complete, by = complete and entire, of_worst or judge
         # The assumed smoothing capacitance is chosen with the load and keeps its value when the load varies.
         bought = dataclasses.replace(ideal, shunt=ideal.with_values(values), smoothing=None)
         space = PartsSpace(bought, tolerance, judge, self.view if self.exact else None)
         worst_case = WorstCase(space, objective_of(self.goal), affordable)
         worst = space.shunt(worst_case.run())
-        loss = self.goal.score(judge.figures(bought.shunt)) - self.goal.score(judge.figures(tuned))
+        loss = self.goal.score(by.figures(bought.shunt)) - self.goal.score(by.figures(tuned))
         figure, converged = self._simulated(worst)
         return PartsChoice(
             shunt=bought.shunt, series=series.name, ideal=ideal.first(), values=values,
             cost=loss * 20 / np.log(10) if self.goal.damping else float(-np.expm1(-loss)), tolerance=tolerance,
             objective="attenuation_db" if self.goal.damping else "harvested_power", worst=figure,
             worst_values={name: value_at(worst, name) for name in names},
-            converged=worst_case.converged and converged, complete=rounding.complete,
+            converged=worst_case.converged and converged, complete=complete,
         )  # fmt: skip
 
     def _simulated(self, worst: Shunt) -> tuple[float, bool]:

@@ -13,19 +13,19 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
+from typing import Protocol
 
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import DesignFigures, Goal
-from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.series import Series
 from piezoharvest.design.places import value_at
-from piezoharvest.design.trial import Trial
-from piezoharvest.design.tuning.minimax import tune
+from piezoharvest.design.tuning.minimax import MinimaxView, tune
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage, silent
 
 _SIDES = ((-1, 0, 1, 2), (0, 1))  # steps from the value below the optimum: two on each side of it, or one
 _REACH = 5  # steps of a pair of parts
@@ -42,6 +42,26 @@ _LIMIT_TOLERANCE = 1e-6  # e-folds beyond a limit
 Numbers = tuple[int, ...]
 
 
+class Judge(Protocol):
+    """Gives the figures of a shunt: the two-port, simulations, or the worst of either in a tolerance."""
+
+    def figures(self, shunt: Shunt, /) -> DesignFigures:
+        """Figures of a shunt."""
+        ...
+
+
+class BatchView(MinimaxView, Judge, Protocol):
+    """A two-port on which batches are compared: at one point, or the worst of several."""
+
+    def survey(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which shunts that resemble one are compared."""
+        ...
+
+    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[DesignFigures]:
+        """Figures of each of a batch of designs, at the frequencies of a grid (Hz)."""
+        ...
+
+
 @dataclass
 class RoundedParts:
     """Search for the best preferred values of a shunt's parts.
@@ -51,9 +71,9 @@ class RoundedParts:
     draft : Draft
         The shunt as tuned; `draft.free` holds the parts to round.
     series : Series
-    judge : LinearView or Trial
+    judge : Judge
         Gives the figures that decide.
-    view : LinearView or None
+    view : BatchView or None
         Two-port on which batches are ordered before they are judged; None for circuits with switches.
     region : Region or None
         Values that the tuning may take.
@@ -62,16 +82,19 @@ class RoundedParts:
         True as long as more simulations may be made.
     complete : bool
         True after a search that was not ended by the budget.
+    progress : callable
+        Takes messages on the progress.
     """
 
     draft: Draft
     series: Series
-    judge: LinearView | Trial
-    view: LinearView | None
+    judge: Judge
+    view: BatchView | None
     region: Region | None
     goal: Goal
     affordable: Callable[[], bool]
     complete: bool = True
+    progress: Callable[[str], object] = silent
     _merits: dict[Numbers, float] = field(default_factory=dict)
 
     def run(self) -> dict[str, float]:
@@ -88,9 +111,12 @@ class RoundedParts:
             for place, _ in enumerate(ideal):
                 for step in (1, -1):
                     best = self._walk(place, step, best)
+        kind, turn = self.draft.shunt.kind, 0
         while best != before:
-            before = best
-            for box in self._boxes(best):
+            before, turn, boxes = best, turn + 1, list(self._boxes(best))
+            stage = Stage(self.progress, f"{kind}: parts of {self.series.name}, round {turn}", "boxes of values")
+            for n, box in enumerate(boxes):
+                stage.reached(n, len(boxes))
                 best = self._best_of(box, best)
         return self._values(best)
 

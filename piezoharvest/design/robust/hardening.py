@@ -15,6 +15,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import minimize
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import ANGLES, Draft
@@ -27,6 +28,7 @@ from piezoharvest.design.tuning.phase import zoom
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region, values_at
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage, silent
 
 _ROUNDS = 8  # each adds a corner; few are ever active, one more than there are free parts
 _GAIN = 1e-4  # in merit, 0.01 % of power: for less no point is added
@@ -49,6 +51,8 @@ class Hardening:
         Gives the worst points of the box for a shunt: of the objective and of each limit.
     affordable : callable
         True as long as more simulations may be made.
+    progress : callable
+        Takes messages on the progress.
     """
 
     space: ToleranceSpace
@@ -56,6 +60,7 @@ class Hardening:
     region: Region
     worst_points: WorstPoints
     affordable: Callable[[], bool]
+    progress: Callable[[str], object] = silent
 
     def run(self, nominal: Tuned) -> Tuned:
         """The design with the best worst case found, at least the nominal one."""
@@ -66,7 +71,9 @@ class Hardening:
             merit = self._merit(shunt, [*points, *found])
             if merit < least:
                 best, least = nominal._replace(shunt=shunt, merit=merit), merit
-            new = [p for p in found if self._merit(shunt, [p]) > self._merit(shunt, points) - _GAIN and _new(p, points)]
+            new = [
+                p for p in found if self._merit(shunt, [p]) > self._merit(shunt, points) - _GAIN and is_new(p, points)
+            ]
             if not (new and merit > self._merit(shunt, points) + _GAIN) or not self.affordable():
                 break
             points += new
@@ -75,7 +82,7 @@ class Hardening:
             except ParameterError:  # more to simulate than the budget has
                 break
             shunt, steps = tuned.shunt, steps + tuned.iterations
-        method = f"{nominal.method}, then minimax over {len(points)} points of the box"
+        method = f"{nominal.method}, then minimax over {counted(len(points), 'point')} of the box"
         return best._replace(method=method, iterations=nominal.iterations + steps)
 
     def _merit(self, shunt: Shunt, points: list[np.ndarray]) -> float:
@@ -85,9 +92,13 @@ class Hardening:
     def _tune(self, points: list[np.ndarray], *shunts: Shunt) -> Tuned:
         """Tune for some points, from each of some shunts."""
         starts = [Start("nominal optimum", self.draft.values_of(s)) for s in dict.fromkeys(shunts)]
+        name = f"{self.draft.kind}: tuning for the worst case of {counted(len(points), 'point')}"
         if self.space.exact:
-            view = ScenarioView(self.space, points)
-            return min((tune(view, self.draft, s, self.region) for s in starts), key=lambda found: found.merit)
+            view, found = ScenarioView(self.space, points), []
+            for start in starts:
+                stage = Stage(self.progress, name, "steps", most=True)
+                found.append(tune(view, self.draft, start, self.region, stage))
+            return min(found, key=lambda tuned: tuned.merit)
         trial = ScenarioTrial(self.space, points)
         if self.space.nominal.operation.band is not None:
             return self._zoom(points, starts[0])
@@ -118,7 +129,8 @@ class Hardening:
         )
 
 
-def _new(point: np.ndarray, points: list[np.ndarray]) -> bool:
+def is_new(point: np.ndarray, points: list[np.ndarray]) -> bool:
+    """True for a point (d,) of the box that is none of some points."""
     return not any(np.allclose(point, p, rtol=0, atol=1e-9) for p in points)
 
 

@@ -16,11 +16,14 @@ from piezoharvest.description.tolerance import Tolerance
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import DesignFigures, Goal
 from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.parts.rounding import Judge
+from piezoharvest.design.parts.series import Series
 from piezoharvest.design.parts.worst_case import Measure, WorstCase, objective_of
 from piezoharvest.design.robust.box import Box
 from piezoharvest.design.robust.certificate.enclosure import Enclosure
 from piezoharvest.design.robust.certificate.search import certify
-from piezoharvest.design.robust.hardening import Hardening
+from piezoharvest.design.robust.hardening import Hardening, WorstPoints
+from piezoharvest.design.robust.robust_parts import RobustParts
 from piezoharvest.design.robust.space import ToleranceSpace
 from piezoharvest.design.robust.specimen import ConfidenceRegion, region_of
 from piezoharvest.design.robust.worst import LimitCase, RobustCase
@@ -28,6 +31,7 @@ from piezoharvest.design.tuning.minimax import Tuned
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
 from piezoharvest.linear import check_stability
+from piezoharvest.progress import silent
 
 # For the tuning of one candidate and for its worst case: each as much as all the rest of a design may take, and the
 # share after which no further step begins.
@@ -74,21 +78,42 @@ class Robustness:
         """Goal of the design."""
         return self.view.goal
 
-    def hardened(self, draft: Draft, nominal: Tuned, region: Region, exact: bool) -> Tuned:
+    def hardened(
+        self, draft: Draft, nominal: Tuned, region: Region, exact: bool, progress: Callable[[str], object] = silent
+    ) -> Tuned:
         """The draft tuned for its worst case, beginning at its nominal optimum.
 
-        `exact` says that the two-port is as good as the simulation.
+        `exact` says that the two-port is as good as the simulation; `progress` takes messages.
         """
         space = self._space(nominal.shunt, exact)
         affordable = self._share(space)
         if not draft.free or not space.box.names:
             return nominal
 
+        return Hardening(space, draft, region, self._worst_points(space, affordable), affordable, progress).run(nominal)
+
+    def rounded(
+        self, draft: Draft, series: Series, known: dict[str, float], region: Region | None, exact: bool,
+        progress: Callable[[str], object] = silent,
+    ) -> tuple[dict[str, float], Judge, bool]:  # fmt: skip
+        """Preferred values with the best worst case, what has judged them, and True if nothing ended the search.
+
+        `known` are those that are best without a tolerance, `draft` is the shunt as tuned for its worst case.
+        """
+        space = self._space(draft.shunt, exact)
+        affordable = self._share(space)
+        search = RobustParts(space, region, self._worst_points(space, affordable), affordable, progress)
+        values, judge = search.run(draft, series, known)
+        return values, judge, search.complete
+
+    def _worst_points(self, space: ToleranceSpace, affordable: Callable[[], bool]) -> WorstPoints:
+        """Function of a shunt that gives its worst points: of the objective, and of each limit."""
+
         def worst_points(shunt: Shunt) -> list[np.ndarray]:
             own = space.with_shunt(shunt)
             return [WorstCase(own, measure, affordable).run() for measure in self._measures.values()]
 
-        return Hardening(space, draft, region, worst_points, affordable).run(nominal)
+        return worst_points
 
     def case(self, shunt: Shunt, nominal: Shunt, exact: bool) -> RobustCase:
         """Worst case of a shunt; `nominal` is the optimum without a tolerance, for the cost of being robust."""

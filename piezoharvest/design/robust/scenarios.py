@@ -67,8 +67,23 @@ class ScenarioView:
 
     def merit(self, shunt: Shunt) -> float:
         """Merit of the worst of the figures at all points."""
-        each, power = zip(self.views, self.points, strict=True), self.goal.counts_power
-        return self.goal.merit(worst_of(v.figures(self.space.shunt_at(p, shunt), power=power) for v, p in each))
+        return self.goal.merit(self.figures(shunt, power=self.goal.counts_power))
+
+    def figures(self, shunt: Shunt, *, power: bool = True) -> DesignFigures:
+        """The worst of the figures at all points."""
+        each = zip(self.views, self.points, strict=True)
+        return worst_of(v.figures(self.space.shunt_at(p, shunt), power=power) for v, p in each)
+
+    def survey(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which shunts that resemble one are compared, of all points."""
+        each = zip(self.views, self.points, strict=True)
+        return np.unique(np.concatenate([v.survey(self.space.shunt_at(p, shunt)) for v, p in each]))
+
+    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[DesignFigures]:
+        """The worst figures of each of a batch of designs, at the frequencies of a grid (Hz)."""
+        each = zip(self.views, self.points, strict=True)
+        found = [v.sampled(self.space.shunt_at(p, batch), grid) for v, p in each]
+        return [worst_of(figures) for figures in zip(*found, strict=True)]
 
 
 @dataclass

@@ -9,7 +9,9 @@ least.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -22,10 +24,12 @@ from piezoharvest.design.linear_view import Levels
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage
 
 _TRUST_RADIUS = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10
-_ROUNDS = 15
+_ROUNDS, _STEPS = 15, 100  # of the exchange at most, and of each program
+_MOST = _ROUNDS * _STEPS
 _PEAK_TOLERANCE = 1e-6
 
 
@@ -70,14 +74,14 @@ class Tuned(NamedTuple):
     iterations: int
 
 
-def tune(view: MinimaxView, draft: Draft, start: Start, region: Region) -> Tuned:
-    """Tune the free parts of a linear shunt from one start, within a region."""
+def tune(view: MinimaxView, draft: Draft, start: Start, region: Region, stage: Stage | None = None) -> Tuned:
+    """Tune the free parts of a linear shunt from one start, within a region; `stage` tells how far it is."""
     program = MinimaxProgram(view, draft, region)
     best = region.logs(start.values)
     best_merit, iterations = program.merit(best), 0
     program.widen(best)
     for _ in range(_ROUNDS):
-        p, steps = program.solve(best)
+        p, steps = program.solve(best, stage and (lambda n, before=iterations: stage.reached(before + n, _MOST)))
         iterations += steps
         merit = program.merit(p)
         done = not program.widen(p) and merit >= best_merit - _PEAK_TOLERANCE
@@ -124,8 +128,8 @@ class MinimaxProgram:
         levels = self.view.levels(self.shunt(p), grid, power=False)
         return np.log([np.max(levels.displacement), max(np.max(levels.voltage), 1e-300)])
 
-    def solve(self, start: np.ndarray) -> tuple[np.ndarray, int]:
-        """Solve on the present set of frequencies; returns p and the number of iterations."""
+    def solve(self, start: np.ndarray, told: Callable[[int], object] | None = None) -> tuple[np.ndarray, int]:
+        """Solve on the present set of frequencies; returns p and the number of iterations, each of which is told."""
         n, region = len(start), self.region
         value, _ = self._forms(start)
         level = float(np.max(self._losses(*value))) if self._bounded(value) else 0.0
@@ -135,9 +139,11 @@ class MinimaxProgram:
         levels = (level - 50, level + 50) if self._bounded(value) else (0.0, 0.0)
         bounds = [*zip(low, high, strict=True), levels, (0.0, None)]
         constraints = [{"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}]
+        counted = count(1)
         found: Any = minimize(
-            self._objective, y, jac=True, bounds=bounds, method="SLSQP", options={"maxiter": 100, "ftol": 1e-10},
+            self._objective, y, jac=True, bounds=bounds, method="SLSQP", options={"maxiter": _STEPS, "ftol": 1e-10},
             constraints=constraints if len(self._constraints(y)) else (),
+            callback=told and (lambda _: told(next(counted))),
         )  # fmt: skip
         return region.clip(found.x[:n]), int(found.nit)
 

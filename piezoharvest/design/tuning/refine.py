@@ -7,8 +7,9 @@ are none.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from piezoharvest.design.trial import Tangent, Trial
 from piezoharvest.design.tuning.minimax import Tuned
 from piezoharvest.design.tuning.region import Region, coordinates, values_at
 from piezoharvest.design.tuning.starts import Start
+from piezoharvest.progress import Stage
 
 _WIDTH = np.log(2.5)  # half of the first bracket, in e-folds: the closed forms are within 20 %
 _ROUGH_WIDTH = np.log(10.0)  # the same for an excitation that the closed forms are not derived for
@@ -28,14 +30,17 @@ _EXPANSIONS = 3
 _EDGE_SHARE = 0.05  # of the bracket: an optimum this close to its end is sought beyond it
 _ACCURACY = 1e-3  # of a part's logarithm; the merit is then flat to 1e-6
 _TRUST_RADIUS, _ROUNDS = 3.0, 3  # e-folds about the start of a round
-_DESCENT = {"maxiter": 40, "ftol": 1e-8}
+_DESCENT: dict[str, Any] = {"maxiter": 40, "ftol": 1e-8}
 _SIMPLEX, _SIMPLEX_ACCURACY, _SIMPLEX_MERIT = 0.1, 5e-3, 1e-5
 _MAX_STEPS = 60
 _RESTARTS, _SIMPLEX_GAIN = 6, 5e-5  # of a simplex search: at most, and the merit that one more has to bring
 
 
-def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None) -> Tuned:
-    """Tune the free parts of a shunt from one start by simulation, within a region where one is given."""
+def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None, stage: Stage | None = None) -> Tuned:
+    """Tune the free parts of a shunt from one start by simulation, within a region where one is given.
+
+    `stage` tells how far descents by the gradient are.
+    """
     before, p = trial.simulations, coordinates({name: start.values[name] for name in draft.free})
 
     def shunt_at(p: np.ndarray) -> Shunt:
@@ -50,7 +55,7 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
         width = _WIDTH if trial.view.operation.apart else _ROUGH_WIDTH
         p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search with the simulator"
     else:
-        found = _EngineProgram(trial, draft, region).solve(p)
+        found = _EngineProgram(trial, draft, region, stage).solve(p)
         p, method = found if found is not None else (simplex(merit, p), "simplex search with the simulator")
     return Tuned(shunt_at(p), merit(p), start.formula, method, trial.simulations - before)
 
@@ -65,6 +70,8 @@ class _EngineProgram:
     trial: Trial
     draft: Draft
     region: Region
+    stage: Stage | None = None
+    _steps: Iterator[int] = field(default_factory=lambda: count(1))
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, str] | None:
         """Minimum near a start; None if the simulation has no derivatives on the way, or the program fails."""
@@ -96,7 +103,12 @@ class _EngineProgram:
         return minimize(
             self._objective, np.append(start, concessions), jac=True, bounds=bounds, method="SLSQP",
             constraints=constraints if len(concessions) + len(self.region.coil) else (), options=_DESCENT,
+            callback=self.stage and (lambda _: self._tell()),
         )  # fmt: skip
+
+    def _tell(self) -> None:
+        assert self.stage is not None
+        self.stage.reached(next(self._steps), _ROUNDS * _DESCENT["maxiter"])
 
     def _tangent(self, p: np.ndarray) -> Tangent:
         return self.trial.tangent(self.draft.with_values(self.region.values(p)), self.draft.free, self.draft.tied)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.identify.frequency.modal_unknowns import linearised, pack, scaled, stable, unpack
 from piezoharvest.identify.frequency.modes import ModalFit, Modes
 from piezoharvest.identify.frequency.multisine import FrequencyError, MultisineResponse, multisine_response
@@ -109,15 +110,14 @@ def select_modes(
 
 def _check(frequency: np.ndarray, response: np.ndarray, start: int | Modes) -> None:
     if response.ndim != 3 or len(response) != len(frequency):
-        shapes = f"found {len(frequency)} frequencies and a response of shape {response.shape}"
+        shapes = f"found {counted(len(frequency), 'frequency', 'frequencies')} and a response of shape {response.shape}"
         raise FrequencyError(f"response: {shapes}, its axes must be (frequencies, outputs, inputs)")
     if not np.all(np.isfinite(response)) or np.any(np.diff(frequency, prepend=0.0) <= 0):
         raise FrequencyError("response: found NaN, or frequencies that do not increase from 0")
     number = len(start.poles) if isinstance(start, Modes) else start
     if number < 1 or 2 * number * sum(response.shape[1:]) > response.size:
-        raise FrequencyError(
-            f"start: found {number} modes, allowed are 1 or more, and at most as many as the lines can determine"
-        )
+        allowed = "allowed are 1 or more, and at most as many as the lines can determine"
+        raise FrequencyError(f"start: found {counted(number, 'mode')}, {allowed}")
 
 
 def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int) -> Modes:
@@ -140,7 +140,7 @@ def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int)
         found.append((float(np.linalg.norm(weight * lines)), pole, c, b))
     if len(found) < number:
         raise FrequencyError(
-            f"response: found {len(found)} resonances, allowed are at least as many as modes ({number})"
+            f"response: found {counted(len(found), 'resonance')}, allowed are at least as many as modes ({number})"
         )
     kept = sorted(sorted(found, key=lambda one: -one[0])[:number], key=lambda one: abs(one[1]))
     _, p, c, b = (np.array(part) for part in zip(*kept, strict=True))

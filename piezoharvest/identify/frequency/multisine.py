@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.counting import counted
+
 _MIN_LINE_POWER = 1e-3  # of the strongest line's power: a line with less is not excited
 _SMOOTHING_LINES = 21  # lines over which variances, estimated from few realisations, are averaged
 
@@ -132,10 +134,13 @@ def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.nda
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.all(np.isfinite(values)):
             count = np.sum(~np.isfinite(values))
-            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are finite numbers")
+            raise FrequencyError(
+                f"{name}: found {counted(int(count), 'NaN or infinite value')}, allowed are finite numbers"
+            )
     _, sources, realisations, periods = inputs.shape
     if realisations < sources or periods < 2:
-        found = f"found {realisations} realisations of {periods} periods for {sources} inputs"
+        each = counted(realisations, "realisation"), counted(periods, "period"), counted(sources, "input")
+        found = "found {} of {} for {}".format(*each)
         raise FrequencyError(
             f"inputs: {found}, allowed are at least as many realisations as inputs, each of 2 periods or more"
         )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, LoopFit
 from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, LoopShape, convex_fit
 from piezoharvest.identify.hysteresis.threshold_placement import place_thresholds, refine_shape
@@ -84,7 +85,7 @@ def _checked(signal: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.nda
         shapes = f"found arrays of shapes {signal.shape} and {output.shape}"
         raise LoopError(f"signal and output: {shapes}, allowed are two arrays of the same length")
     if len(signal) < _MIN_SAMPLES:
-        raise LoopError(f"signal: found {len(signal)} samples, allowed are {_MIN_SAMPLES} or more")
+        raise LoopError(f"signal: found {counted(len(signal), 'sample')}, allowed are {_MIN_SAMPLES} or more")
     for name, values in (("signal", signal), ("output", output)):
         if not np.all(np.isfinite(values)):
             row = int(np.argmin(np.isfinite(values)))

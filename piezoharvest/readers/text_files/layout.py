@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import ReadError, cut
 from piezoharvest.readers.units import unit_of
 
@@ -242,7 +243,8 @@ def _names(
         names = _column_names(lines[header_row - 1], run, samples)
         if names is None:
             count = len(run.dialect.split(_bare(lines[header_row - 1])))
-            found = f"found {count} names in {cut(lines[header_row - 1])!r}, but {run.width} columns in the table"
+            named = f"found {counted(count, 'name')} in {cut(lines[header_row - 1])!r}"
+            found = f"{named}, but {counted(run.width, 'column')} in the table"
             raise ReadError(f"{found} that begins in line {run.first + 1}", row=header_row)
         below = [_column_names(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
         units = next((row for row in below if row is not None and _are_units(row)), None)
@@ -273,7 +275,7 @@ def _refuse_header(lines: Sequence[str], run: _NumberRows, near: Sequence[int]) 
             raise ReadError(f"{found}: a header with a name for each column would show it; {ADVICE}", row=run.first + 1)
     if len(cells) > 1 and run.dialect.delimiter is not None:
         seen = f"in the header (line {near[0] + 1}: {cut(lines[near[0]])!r})"
-        raise ReadError(f"found {run.width} columns, but {len(cells)} {seen}; {ADVICE}", row=run.first + 1)
+        raise ReadError(f"found {counted(run.width, 'column')}, but {len(cells)} {seen}; {ADVICE}", row=run.first + 1)
 
 
 def _bare(line: str) -> str:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import ReadError
 
 MOST_BYTES, MOST_ENTRIES = 2**26, 10**7
@@ -71,7 +72,7 @@ def read_state_space(path: Path) -> StateSpaceModes:
         raise ReadError(f"found {path.stat().st_size} bytes, allowed are up to {MOST_BYTES}")
     matrices = _matrices(path.read_text(encoding="utf-8", errors="replace"))
     if len(matrices) < 3:
-        found = f"found {len(matrices)} matrices in Matrix Market format"
+        found = f"found {counted(len(matrices), 'matrix', 'matrices')} in Matrix Market format"
         others = "0 (dense) and 2 to 4 (SML, the default) are not read"
         raise ReadError(f"{found}, must be A, B and C, as SPMWRITE writes them with FileFormat = 1; {others}")
     a, b, c = matrices[:3]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import ReadError, cut
 from piezoharvest.readers.text_files.layout import COMMENT, TextLayout
 
@@ -182,7 +183,7 @@ class Table:
                 )
                 raise ReadError(f"found {cut(cells[n])!r}, must be a number", name, row)
             if len(cells) != layout.width and (dialect.is_cut(cells) or dialect.number(cells[0] or "x") is not None):
-                raise ReadError(f"found {len(cells)} columns, but {layout.width} in the rows above", row=row)
+                raise ReadError(f"found {counted(len(cells), 'column')}, but {layout.width} in the rows above", row=row)
             self._text = row, list(cells)
         numbers = any(cell and dialect.is_number(cell) for cell in cells)
         self._titled |= len(cells) > 1 and not numbers

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.readers.base import (
     MAX_NUMBERS,
     MissingColumnError,
@@ -64,7 +65,7 @@ class Text(Reader):
         self.head = self.prepared(_head(self.blocks(), begin, self.lines_above))
         if len(self.head) < begin:
             key = "skip_rows" if begin == skip_rows else "header_row"
-            raise ReadError(f"{key} is {begin}, but the file has only {len(self.head)} lines")
+            raise ReadError(f"{key} is {begin}, but the file has only {counted(len(self.head), 'line')}")
         self.layout = find_layout(self.head, skip_rows, header_row)
         self.names = self.layout.names
         self._positions = {self._key(n): n for n in range(self.layout.width)}

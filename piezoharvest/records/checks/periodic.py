@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.records.checks.level import white_noise
 from piezoharvest.records.finding import Finding, Rows, shifted
 from piezoharvest.records.harmonics import Harmonics
@@ -40,7 +41,8 @@ def _not_periodic(record: Record, found: Harmonics) -> str:
     periods = found.frequency * step * len(record)
     named = f"{found.frequency:.6g} Hz" + (" (as stated)" if found.stated else "")
     if periods < _MIN_PERIODS - 0.5 * found.frequency * step:
-        return f"found {periods:.3g} periods of {named}, but a drive must repeat, so two or more are needed"
+        many = counted(f"{periods:.3g}", "period")
+        return f"found {many} of {named}, but a drive must repeat, so two or more are needed"
     left = values - found.at(step * np.arange(len(record)))
     noise = white_noise(np.diff(left, 4))[0] if signal.sigma is None else signal.sigma
     rest = float(np.sqrt(np.mean(left**2)))

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.records.finding import Finding, Rows, counted, runs, shifted
+from piezoharvest.counting import counted
+from piezoharvest.records.finding import Finding, Rows, runs, shifted
 from piezoharvest.records.reading.channels import LARGEST, SMALLEST
 from piezoharvest.records.record import Record
 

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
+from piezoharvest.counting import counted
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.records.checks.level import flat_runs, level_of
-from piezoharvest.records.finding import Finding, counted, runs, shifted
+from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.record import Record
 
 _MAX_SPIKE = 3  # samples of a spike

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.shunts import LinearShunt, Open, Short
 from piezoharvest.records.checks.frozen import longer_than_noise, responses_move, resumes_elsewhere, runs_at_limits
 from piezoharvest.records.checks.level import Level, flat_runs, level_of
@@ -69,14 +70,14 @@ def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray
         clipped = ranges[at == limit]
         if len(clipped):
             count = int(np.sum(clipped[:, 1] - clipped[:, 0] + 1))
-            found = f"found {count} samples pinned at the {side} value, {limit:.6g}"
+            found = f"found {counted(count, 'sample')} pinned at the {side} value, {limit:.6g}"
             message = f"{found}; likely the range of the sensor or converter is exceeded"
             yield Finding("warning", "clipped", signal.file, channel, shifted(clipped, signal.first_row), message)
     inner = (at != values.max()) & (at != values.min())
     for sure_of_it, frozen in ((True, ranges[inner & sure]), (False, ranges[inner & ~sure])):
         if len(frozen):
             count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
-            found = f"found {count} equal samples in a row while other channels change"
+            found = f"found {counted(count, 'equal sample')} in a row while other channels change"
             rows = shifted(frozen, signal.first_row)
             message = f"{found}; likely a dead channel"
             yield Finding("error" if sure_of_it else "warning", "frozen", signal.file, channel, rows, message)

@@ -8,11 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.finding import Finding, counted, runs, shifted
+from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import cut, last_part, shown
@@ -141,12 +142,12 @@ class TimeRecordReader:
         count = len(values[self.entry.drive])
         for channel, raw in values.items():
             if len(raw) != count:
-                message = f"found {len(raw)} samples, but {count} in the drive, {self.entry.drive}"
+                message = f"found {counted(len(raw), 'sample')}, but {count} in the drive, {self.entry.drive}"
                 raise self.error(channel, message)
             if raw.dtype.kind == "c":
                 raise self.error(channel, "found complex numbers, allowed are real numbers")
         if count < 2:
-            raise self.error(self.entry.drive, f"found {count} samples, allowed are two or more")
+            raise self.error(self.entry.drive, f"found {counted(count, 'sample')}, allowed are two or more")
         self._differ(values)
         return values
 

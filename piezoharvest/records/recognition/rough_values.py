@@ -14,6 +14,7 @@ import numpy as np
 _SHARE = 0.999  # of the drive's power: the lines that have it are used, others are mostly noise
 _EXPLAINED = 0.5  # least share of the drive's power that the regression explains: of unrelated channels it is nearly 0
 _LEAST_LINES = 8  # for three to four values
+_FLANK = 0.2  # of the mobility at a resonance: lines up to five half widths away, beyond is another's
 _INTEGRALS = {"displacement": 0, "velocity": 1, "acceleration": 2}  # to the displacement
 
 
@@ -100,6 +101,9 @@ class _Windowed:
 def rough_values_of_response(frequency: np.ndarray, response: np.ndarray, output: str) -> dict[str, float]:
     """Mass, damping and stiffness from a motion over a force; the stiffness is that with the record's load.
 
+    Of several modes, they are those of the strongest resonance: of all lines together, a second mode made the mass tens
+    of times too small, or left no value.
+
     Parameters
     ----------
     frequency : (n,) array
@@ -112,19 +116,43 @@ def rough_values_of_response(frequency: np.ndarray, response: np.ndarray, output
     Returns
     -------
     dict
-        Empty where the response is not that of one mode.
+        Empty where the response is not that of a mode.
     """
     if output not in _INTEGRALS or len(frequency) < _LEAST_LINES or not np.isfinite(response).all():
         return {}
     s = 2j * np.pi * frequency
     receptance = response / s ** _INTEGRALS[output]
+    near = _resonance(np.abs(s * receptance))
+    s, receptance = s[near], receptance[near]
     weight = np.abs(receptance)  # lines at the resonance, where the noise is least beside the response
-    columns = [weight * receptance * s**power for power in range(3)]
+    # (k + b s + m s^2) (H - R) = 1 with the compliance R of what resonates elsewhere, over 1 + R k.
+    columns = [weight * receptance * s**power for power in range(3)] + [weight * s**power for power in (1, 2)]
     coefficients = _regressed(columns, weight + 0j)
-    if np.linalg.norm(weight - np.column_stack(columns) @ coefficients) ** 2 > (1.0 - _EXPLAINED) * np.sum(weight**2):
+    stiffness, damping, mass, _, other = coefficients
+    with np.errstate(all="ignore"):  # values of no specimen are left out
+        scale = 1.0 / (1.0 + other / mass * stiffness)
+        stiffness, damping, mass = stiffness * scale, damping * scale, mass * scale
+        left = receptance - 1.0 / (stiffness + damping * s + mass * s**2) + other * scale / mass
+    # A constant explains the rest of the compliance as well: what counts is what it leaves.
+    whole = receptance - np.mean(receptance)
+    if not np.linalg.norm(left) ** 2 < (1.0 - _EXPLAINED) * np.linalg.norm(whole) ** 2:
         return {}
-    stiffness, damping, mass = coefficients
     return _if_positive({"mass": mass, "damping": damping, "stiffness": stiffness})
+
+
+def _resonance(mobility: np.ndarray) -> slice:
+    """The lines about the strongest resonance, in which it is seen beside others.
+
+    Parameters
+    ----------
+    mobility : (n,) array
+        Magnitude of velocity over force, which is 1/b at the resonance of each mode.
+    """
+    peak = int(np.argmax(mobility))
+    weak = np.flatnonzero(mobility < _FLANK * mobility[peak])
+    first = weak[weak < peak].max(initial=-1) + 1
+    last = weak[weak > peak].min(initial=len(mobility)) - 1
+    return slice(max(min(first, peak - _LEAST_LINES), 0), max(last, peak + _LEAST_LINES) + 1)
 
 
 def _if_positive(found: Mapping[str, float]) -> dict[str, float]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.parameters import Component, ParameterError, altered, check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
@@ -61,7 +62,7 @@ class Form(Component):
             raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
         kinks = own.get("kinks", knots)
         if len(kinks) != len(knots):
-            raise ParameterError("kinks", f"found {len(kinks)} for {len(knots)} knots, each knot needs one")
+            raise ParameterError("kinks", f"found {len(kinks)} for {counted(len(knots), 'knot')}, each knot needs one")
 
     @property
     def word(self) -> str:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description.parameters import Component, ParameterError
 
 
@@ -29,7 +30,7 @@ class BrokenLine(Component):
             raise ParameterError(self.over, f"found {places}, {allowed}")
         if len(self.values) != len(places):
             allowed = f"must be as many as {self.over} ({len(places)})"
-            raise ParameterError(self.of, f"found {len(self.values)} numbers, {allowed}")
+            raise ParameterError(self.of, f"found {counted(len(self.values), 'number')}, {allowed}")
 
     @classmethod
     def stepped(cls, places: tuple[Any, ...], values: tuple[Any, ...]) -> Self:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+from piezoharvest.counting import counted
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import LinearShunt
@@ -25,7 +26,10 @@ def check_lengths(shunt: LinearShunt, branches: int, wanted: Mapping[str, int]) 
     for name, count in wanted.items():
         found = len(getattr(shunt, name))
         if found != count:
-            raise ParameterError(name, f"found {found} values for {branches} branches, allowed are {count}")
+            raise ParameterError(
+                name,
+                f"found {counted(found, 'value')} for {counted(branches, 'branch', 'branches')}, allowed are {count}",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -96,6 +97,12 @@ def memory_values(memory: Memory) -> dict[str, Any]:
 
 def formula(law: Law) -> str:
     """The law as a formula with units."""
+    # What has no unit, as a relative change, leaves a gap in its place.
+    return re.sub(r" +(?=[);]|$)", "", re.sub(" +", " ", _formula(law)))
+
+
+def _formula(law: Law) -> str:
+    """The formula, with a gap where a number has no unit."""
     form, place = law.form, law.place
     symbol = SYMBOLS.get(place.input, place.input)
     if isinstance(place, SwitchLoop) and isinstance(law.memory, Relaxation):
