@@ -374,7 +374,7 @@ class TestWrong:
     def test_no_samples(self, tmp_path, columns, count):
         text = TRANSDUCER + RECORD.replace("csv", "parquet")
         error = failure(tmp_path, text, run_parquet={name: values[:count] for name, values in columns.items()})
-        assert f"found {count} samples" in error.message
+        assert f"found {count} sample" in error.message
 
     @pytest.mark.parametrize("rows", [[1, 100], [2, 5002]])
     def test_rows_that_are_not_there(self, tmp_path, columns, rows):
