@@ -259,7 +259,7 @@ class TestSaidOtherwise:
 
     def test_header_row_that_does_not_fit(self, tmp_path):
         error = failure(written(tmp_path, self.CALIBRATION), "a", header_row=1)
-        assert "found 1 names in 'Calibration', but 3" in error.message
+        assert "found 1 name in 'Calibration', but 3" in error.message
 
     @pytest.mark.parametrize("where", [{"skip_rows": 1000}, {"header_row": 1000}])
     def test_lines_that_are_not_there(self, tmp_path, where):
