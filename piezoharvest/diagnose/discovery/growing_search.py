@@ -14,7 +14,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.forms.formulas import as_table, ranked
+from piezoharvest.diagnose.discovery.forms.formulas import as_table, beside, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of, ended
 from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_all_free, with_its_noise
@@ -71,6 +71,9 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     least = min((law.found.cost for law in grown), default=0.0)
     grown = [ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
     first = min(grown, key=lambda each: each.criterion, default=None)
+    if first is not None:
+        grown += beside(problem, grown)  # where drives are small its scale says little of a curve
+        first = min(grown, key=lambda each: each.criterion)
     if first is None or excess_of(first.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
     table = first if first.law.memory is not None else as_table(problem, first)
@@ -91,7 +94,9 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
 def _close_forms(part: Problem, found: Found) -> list[LawFit]:
     """Forms of a law that some of the records do not tell apart: others may."""
     forms = ranked(part, found.table, ALIKE) if found.table.law.memory is None else list(found.forms)
-    return [each for each in forms if each.criterion < forms[0].criterion + MIN_SCORE]
+    forms += beside(part, forms, ALIKE)
+    least = min(each.criterion for each in forms)
+    return [each for each in forms if each.criterion < least + MIN_SCORE]
 
 
 def _fitted(smaller: SmallerDrives, start: Fit, law: LawFit, aim: float = np.inf) -> LawFit | None:

@@ -14,6 +14,8 @@ from piezoharvest.predict.parameters import Path
 
 GAP = 10.0  # times the median distance of two samples: more is between two records
 SAMPLES = 400  # inputs at which formula and table are compared
+CURVE_SAMPLES = 60  # the same of two formulas, which have no corners
+CURVE_UNIT = 1e-3  # of a curve's size: what one formula may be from another that stands for it
 
 
 def drop_path(transducer: Transducer, place: Place) -> Path:
@@ -22,12 +24,12 @@ def drop_path(transducer: Transducer, place: Place) -> Path:
     return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
 
 
-def spread_inputs(table: LawFit) -> np.ndarray:
+def spread_inputs(table: LawFit, count: int = SAMPLES) -> np.ndarray:
     """Inputs at which forms of a law are compared with a table: where the records were, and evenly over that range."""
-    x = np.quantile(table.visited, np.linspace(0.0, 1.0, SAMPLES))
+    x = np.quantile(table.visited, np.linspace(0.0, 1.0, count))
     if table.place.input == "campaign_time":  # between the records nothing is known
         return np.unique(x)
-    return np.unique(np.concatenate([x, np.linspace(x[0], x[-1], SAMPLES)]))
+    return np.unique(np.concatenate([x, np.linspace(x[0], x[-1], count)]))
 
 
 def recorded(times: np.ndarray) -> tuple[float, float]:
@@ -86,6 +88,30 @@ class Distance:
     def constant(self, form: Form) -> float:
         """Constant in a formula, likewise."""
         return float((self.inverse @ np.real(form.values(self.x)) / self.size)[self.count])
+
+
+class CurveDistance:
+    """Distance of a formula from the curve of another one, a constant and a straight line being free as beside a table.
+
+    Attributes are those of `Distance`; the inputs stand for the kinks.
+    """
+
+    def __init__(self, law: LawFit) -> None:
+        self.samples = law.samples
+        self.x = spread_inputs(law, CURVE_SAMPLES)
+        self.own = np.real(law.form.values(self.x))
+        self.with_constant = True
+        columns = [np.ones(len(self.x)), *[self.x] * (law.law.bent or of_itself(law.place))]
+        self.beside = np.column_stack(columns)
+        size = np.abs(self.beside).max(axis=0)
+        self.inverse = np.linalg.pinv(self.beside / size) / size[:, None]
+        left = np.eye(len(self.x)) - self.beside @ self.inverse
+        self.whitened = left / (CURVE_UNIT * max(float(np.sqrt(np.mean((left @ self.own) ** 2))), np.finfo(float).tiny))
+        self.found = self.whitened @ self.own
+
+    def line(self, form: Form) -> float:
+        """Slope of the straight line in a formula beside that of the other one."""
+        return float((self.inverse @ (np.real(form.values(self.x)) - self.own))[-1])
 
 
 def of_itself(place: Place) -> bool:

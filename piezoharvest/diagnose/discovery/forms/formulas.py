@@ -8,6 +8,7 @@ springs, contacts, diodes and friction.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from piezoharvest.description.effects.nameless.shapes import Shockley, StepChang
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.closest import FittedFormula, closest
 from piezoharvest.diagnose.discovery.forms.distance import (
+    CurveDistance,
     Distance,
     drop_path,
     of_itself,
@@ -40,9 +42,9 @@ SAME = 6  # decimals of a criterion: more are rounding
 MOMENTS = 2  # times that a better moment is looked for from the last one
 
 
-def candidates(table: LawFit) -> list[FittedFormula]:
-    """Formulas for a table, the best first; each from several starts."""
-    distance = Distance(table)
+def candidates(table: LawFit, of_curve: CurveDistance | None = None) -> list[FittedFormula]:
+    """Formulas for a table, or for the curve of a formula, the best first; each from several starts."""
+    distance = of_curve or Distance(table)
     found: list[FittedFormula] = []
     for some in families(table, distance):
         tried = [closest(distance, each) for each in (some if isinstance(some, tuple) else (some,))]
@@ -73,7 +75,7 @@ def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Fo
         # From a coarse table a formula begins far away, and how its fit goes on is not seen from its first steps.
         far = coarse and min(mean_square(one.found) for one in tried) > TABLE_IS_COARSE
         best = np.inf if far else min(one.criterion for one in tried) + thresholds.CLOSE_COST
-        start, form = _begun(problem, table, each.form)
+        start, form = _begun(problem, table, each.form, Distance(table))
         found = fitted(problem, start, dataclasses.replace(table.law, form=form), table.visited, aim=best)
         if found is not None and isinstance(form, StepChange):
             found = _at_its_moment(problem, start, found)
@@ -93,18 +95,19 @@ def _at_its_moment(problem: Problem, start: Fit, found: LawFit) -> LawFit:
     return found
 
 
-def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
+def _begun(problem: Problem, table: LawFit, form: Form, distance: Distance | CurveDistance) -> tuple[Fit, Form]:
     """The fit without its table, from which that of a formula begins near its end, and the formula to begin with.
 
     The parameter of the model is less by the straight line that a formula has, not the table. At a diode it is the
     constant drop, which is free beside a law there; Shockley's diode has none, but a lower saturation current.
     """
-    bare, distance, place = without_law(problem, table), Distance(table), table.place
+    bare, place = without_law(problem, table), table.place
     transducer = bare.model.transducer
     path = drop_path(transducer, place) if place.in_circuit else (OWN.get(place.name, ""),)
     if path not in {p.path for p in bare.model.parameters} or table.law.memory is not None:
         return bare, form
-    value = value_at(transducer, path) - (distance.constant(form) if place.in_circuit else distance.line(form))
+    in_circuit = place.in_circuit and isinstance(distance, Distance)
+    value = value_at(transducer, path) - (distance.constant(form) if in_circuit else distance.line(form))
     free = bare.model.parameters
     if isinstance(form, Shockley):  # a drop beside it would be its saturation current in other words
         form, value = dataclasses.replace(form, scale=form.scale * np.exp(-value / form.factor)), 0.0
@@ -113,6 +116,32 @@ def _begun(problem: Problem, table: LawFit, form: Form) -> tuple[Fit, Form]:
         return bare, form
     moved = dataclasses.replace(bare.model, transducer=put(transducer, path, value), parameters=free)
     return dataclasses.replace(bare, model=moved), form
+
+
+def beside(problem: Problem, known: Sequence[LawFit], most: int = REFITTED_BEYOND_TABLE) -> list[LawFit]:
+    """Further formulas that are near the curve of the likeliest of those known, fitted from where that is.
+
+    A table that is coarse, or has not come to its end, has other parameters than a formula that fits better: from there
+    the fit of the right one may begin too far away.
+    """
+    law = min(known, key=lambda each: each.criterion)
+    if law.law.memory is not None or isinstance(law.form, TABLES):
+        return []
+    distance, kinds, found = CurveDistance(law), {_kind(each.form) for each in known}, list[LawFit]()
+    for each in candidates(law, distance)[:most]:
+        if _kind(each.form) in kinds:
+            continue
+        start, form = _begun(problem, law, each.form, distance)
+        again = fitted(problem, start, dataclasses.replace(law.law, form=form), law.visited)
+        found += [again] if again is not None and again.found.converged else []
+    return found
+
+
+def _kind(form: Form) -> tuple[object, ...]:
+    """What tells a formula from another but the values of its parameters."""
+    fitted_too = {field.name for field in dataclasses.fields(form) if "unit" in field.metadata} | {"scale", "knots"}
+    rest = (field.name for field in dataclasses.fields(form) if field.name not in fitted_too)
+    return type(form), *(getattr(form, name) for name in rest)
 
 
 def as_table(problem: Problem, law: LawFit) -> LawFit | None:
