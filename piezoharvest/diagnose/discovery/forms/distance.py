@@ -90,10 +90,10 @@ class Distance:
         return float((self.inverse @ np.real(form.values(self.x)) / self.size)[self.count])
 
 
-class CurveDistance:
+class CurveDistance(Distance):
     """Distance of a formula from the curve of another one, a constant and a straight line being free as beside a table.
 
-    Attributes are those of `Distance`; the inputs stand for the kinks.
+    Values at the inputs stand for the kinks of a table.
     """
 
     def __init__(self, law: LawFit) -> None:
@@ -112,6 +112,10 @@ class CurveDistance:
     def line(self, form: Form) -> float:
         """Slope of the straight line in a formula beside that of the other one."""
         return float((self.inverse @ (np.real(form.values(self.x)) - self.own))[-1])
+
+    def constant(self, form: Form) -> float:
+        """Constant in a formula, likewise."""
+        return float((self.inverse @ (np.real(form.values(self.x)) - self.own))[0])
 
 
 def of_itself(place: Place) -> bool:

@@ -42,7 +42,7 @@ SAME = 6  # decimals of a criterion: more are rounding
 MOMENTS = 2  # times that a better moment is looked for from the last one
 
 
-def candidates(table: LawFit, of_curve: CurveDistance | None = None) -> list[FittedFormula]:
+def candidates(table: LawFit, of_curve: Distance | None = None) -> list[FittedFormula]:
     """Formulas for a table, or for the curve of a formula, the best first; each from several starts."""
     distance = of_curve or Distance(table)
     found: list[FittedFormula] = []
@@ -95,7 +95,7 @@ def _at_its_moment(problem: Problem, start: Fit, found: LawFit) -> LawFit:
     return found
 
 
-def _begun(problem: Problem, table: LawFit, form: Form, distance: Distance | CurveDistance) -> tuple[Fit, Form]:
+def _begun(problem: Problem, table: LawFit, form: Form, distance: Distance) -> tuple[Fit, Form]:
     """The fit without its table, from which that of a formula begins near its end, and the formula to begin with.
 
     The parameter of the model is less by the straight line that a formula has, not the table. At a diode it is the
@@ -106,8 +106,7 @@ def _begun(problem: Problem, table: LawFit, form: Form, distance: Distance | Cur
     path = drop_path(transducer, place) if place.in_circuit else (OWN.get(place.name, ""),)
     if path not in {p.path for p in bare.model.parameters} or table.law.memory is not None:
         return bare, form
-    in_circuit = place.in_circuit and isinstance(distance, Distance)
-    value = value_at(transducer, path) - (distance.constant(form) if in_circuit else distance.line(form))
+    value = value_at(transducer, path) - (distance.constant(form) if place.in_circuit else distance.line(form))
     free = bare.model.parameters
     if isinstance(form, Shockley):  # a drop beside it would be its saturation current in other words
         form, value = dataclasses.replace(form, scale=form.scale * np.exp(-value / form.factor)), 0.0
