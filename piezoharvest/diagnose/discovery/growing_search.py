@@ -70,10 +70,8 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     grown = [law for law in map(grow, _close_forms(smaller.part, found)) if law is not None]
     least = min((law.found.cost for law in grown), default=0.0)
     grown = [ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
+    grown += beside(problem, grown) if grown else []  # where drives are small its scale says little of a curve
     first = min(grown, key=lambda each: each.criterion, default=None)
-    if first is not None:
-        grown += beside(problem, grown)  # where drives are small its scale says little of a curve
-        first = min(grown, key=lambda each: each.criterion)
     if first is None or excess_of(first.found) > (1.0 - thresholds.MIN_LAW_GAIN) * excess_of(start):
         return None
     table = first if first.law.memory is not None else as_table(problem, first)

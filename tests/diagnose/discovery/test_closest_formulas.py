@@ -15,7 +15,7 @@ from piezoharvest.description.effects.nameless.places import Damper, Load, OverT
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.parameters import altered
 from piezoharvest.diagnose.discovery.forms.closest import closest
-from piezoharvest.diagnose.discovery.forms.distance import Distance
+from piezoharvest.diagnose.discovery.forms.distance import CurveDistance, Distance
 from piezoharvest.diagnose.discovery.forms.families import families
 from piezoharvest.diagnose.discovery.forms.family import Family, column
 from piezoharvest.diagnose.discovery.forms.projection import Members
@@ -181,3 +181,43 @@ def test_a_family_without_a_member_within_its_bounds_has_no_closest():
     )
     assert closest(distance, overflowing) is None
     assert closest(distance, outside) is None
+
+
+def curve_of(place, form, size):
+    """A fit of a formula, as far as a distance from its curve knows it."""
+    x = size * np.linspace(-1.0, 1.0, 501)
+    law = SimpleNamespace(bent=place.bent, form=form)
+    return SimpleNamespace(form=form, visited=x, law=law, place=place, samples=SAMPLES)
+
+
+def nearest(law):
+    """The members of all families that are nearest to the curve of a formula, of each family one."""
+    distance, found = CurveDistance(law), []
+    for some in families(law, distance):
+        found += [closest(distance, each) for each in (some if isinstance(some, tuple) else (some,))]
+    return distance, sorted((each for each in found if each is not None), key=lambda each: each.criterion)
+
+
+@pytest.mark.parametrize("form", [
+    Polynomial(factor=1.0, second=0.3, scale=1.0, exponents=(3, 5)),
+    Shape(factor=0.1, scale=0.4, curve="sinh", bent=True), Shape(factor=1.0, scale=0.3, curve="tanh", bent=True),
+], ids=["polynomial", "sinh", "tanh"])  # fmt: skip
+def test_a_formula_is_nearest_to_its_own_curve(form):
+    law = curve_of(Spring(), form, 1.0)
+    _, (first, *_) = nearest(law)
+    assert type(first.form) is type(form) and getattr(first.form, "curve", "") == getattr(form, "curve", "")
+    line = np.polynomial.Polynomial.fit(law.visited, first.form.values(law.visited) - form.values(law.visited), 1)
+    left = first.form.values(law.visited) - form.values(law.visited) - line(law.visited)
+    assert np.abs(left).max() < 1e-6 * np.abs(form.values(law.visited)).max()
+
+
+def test_of_what_is_not_a_polynomial_the_curve_beside_one_is_found():
+    """Sinh is its series of two terms up to inputs of twice its scale within a hundredth."""
+    true = Shape(factor=1.0, scale=1.0, curve="sinh", bent=True)
+    law = curve_of(Spring(), Polynomial(factor=1.0 / 6.0, second=1.0 / 120.0, scale=1.0, exponents=(3, 5)), 2.0)
+    distance, found = nearest(law)
+    sinh = next(each.form for each in found if getattr(each.form, "curve", "") == "sinh")
+    assert sinh.scale == pytest.approx(true.scale, rel=0.1)
+    assert sinh.factor / sinh.scale**3 == pytest.approx(1.0, rel=0.1)  # the cubic term
+    straight = Shape(factor=1.0, scale=1.0, curve="sinh", bent=False)  # with the straight line beside it
+    assert distance.line(straight) == pytest.approx(distance.line(true) + 1.0, rel=1e-6)
