@@ -1,4 +1,4 @@
-"""Memories that a law at a place may have: its function is then not of the input, but of what a memory makes of it.
+"""Memories that a law at a place may have: its function is then of what a memory makes of the input, or follows late.
 
 Each says which sign its factor has at a port that takes energy and gives none, and accounts for that energy. A port is
 told by how power follows from a law f of its input: `RATE` f x' (a force over a displacement), `CHARGE` x f' (a charge
@@ -57,7 +57,7 @@ class Memory(Component):
         return ()
 
     def losses(self, port: str, factor: Any, terms: EnergyRows, x: Row, dx: Row) -> Sequence[Product]:
-        """Power in W that is lost at a port."""
+        """Power in W that is lost at a port; `x` and `dx` are rows of its input and of the rate of that."""
         return ()
 
     def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
