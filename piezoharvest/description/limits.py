@@ -26,8 +26,8 @@ MOST_ELEMENTS = 100
 MOST_ELECTRODES = 50
 # The combinations of sticking and slipping stops are numbered: 2^50 of them in 9 configurations are below 2^63.
 MOST_STOPS = 50
-# Of the drive in a transient: with a resistor, recorded, so many take about all the work allowed in a simulation.
-MOST_PERIODS = 400_000
+# Of the drive in a transient, a day at 50 Hz: two minutes of a stiff bridge that charges a supply.
+MOST_PERIODS = 5_000_000
 # Of the first resonance, in a transient: the rounding error of time is then 1e-5 of a period.
 MOST_OSCILLATIONS = 10**11
 

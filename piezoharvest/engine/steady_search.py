@@ -20,7 +20,6 @@ from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_state import section as sc
 from piezoharvest.engine.steady_state import shooting as sh
-from piezoharvest.engine.work_limit import MAX_WORK
 
 # A motion from rest is compared with the orbit every PERIODS_BETWEEN_CHECKS, MAX_CHECKS times at most; coming closer
 # MIN_APPROACHES times in a row is enough, each time by the share APPROACH: a motion that stays away from the orbit
@@ -167,8 +166,8 @@ def check(status: int) -> None:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
-            3: f"stopped after {MAX_WORK:.0e} units of work, the limit for a simulation: it has too many events or "
-            "is too long",
+            3: "stopped when the units of work allowed for a simulation were used up: it has too many events or is too "
+            "long",
             4: f"more than {QUEUE_LENGTH} actions of the switch are pending at the same time: its lag is too long for "
             "a displacement with so many extrema",
         }

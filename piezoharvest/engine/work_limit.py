@@ -18,6 +18,8 @@ from piezoharvest.engine.memory.tables import NEXT_CHECK, WORK_LEFT
 
 MAX_WORK = 8_000_000_000  # of a simulation: some 5 to 10 s, while an ordinary one takes a hundredth of a second
 SAMPLE_WORK = 5_000  # more for each sample of a signal, whose number is known: a bridge with a coil takes 2,000
+# More for each period of a transient: a stiff bridge that charges a supply, with all that is recorded, takes 140,000.
+PERIOD_WORK = 1_000_000
 # Work between two checks for an interrupt.
 WORK_BETWEEN_CHECKS = 100_000_000
 # Work of a step beside its products (guards, location and action of an event); overhead of a product of a matrix and

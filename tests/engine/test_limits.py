@@ -19,7 +19,7 @@ from piezoharvest.engine.memory.tables import MAX_NUMBERS
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError, check
-from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
+from piezoharvest.engine.work_limit import PERIOD_WORK, SAMPLE_WORK, Budget
 
 RECTIFIER = {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6}
 STIFFENING = {"effects": {"stiffening": {"cubic_stiffness": 1e5}}}
@@ -49,10 +49,25 @@ def test_samples_of_a_record_count_as_work():
 
 
 def test_a_signal_of_many_samples_may_take_more_work():
-    """A record of a day is long, but ends; tones that never end get no more than before."""
-    for table, samples in ((RANDOM, 640_000), (DRIVE, 0)):
+    """A record of a day is long, but ends; so does a transient, not the search for a steady state."""
+    for table, length, more in (
+        (RANDOM, 1.0, 640_000 * SAMPLE_WORK), (DRIVE, None, 0), (DRIVE, 10.0, 506 * PERIOD_WORK),
+    ):  # fmt: skip
         system, excitation = objects(bench({"kind": "resistor", "resistance": 1e5}, table))
-        assert lower(system, excitation, 1.0).budget.left - Budget().left == SAMPLE_WORK * samples
+        assert lower(system, excitation, length).budget.left - Budget().left == more
+
+
+def test_a_supply_is_charged_for_as_long_as_is_asked_for():
+    """It ended after some six minutes, whose work was that of a whole simulation."""
+    shunt = {"kind": "rectifier", "smoothing_capacitance": 1e-4, "diode_drop": 0.5, "diode_resistance": 10.0}
+    shunt["storage"] = {"turn_on": 5.0, "turn_off": 3.6, "power": 1e-6, "efficiency": 0.85}
+    shunt["storage"]["phases"] = [{"power": 2e-3, "duration": 0.05, "sends": True}, {"power": 1e-5, "duration": 5.0}]
+    response = solve(bench(shunt), transient=1000.0, samples=1, attenuation=False)
+    assert response.converged, response.message
+    assert abs(response.energy["closure"]) < 1e-10
+    wakes = response.wakes_per_hour
+    assert wakes is not None
+    assert wakes >= 1
 
 
 def test_a_recorded_day_is_not_too_long(monkeypatch):

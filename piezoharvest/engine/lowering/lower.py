@@ -24,7 +24,7 @@ from piezoharvest.engine.lowering.groups import Groups
 from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, scalar, stack
 from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
-from piezoharvest.engine.work_limit import SAMPLE_WORK, Budget
+from piezoharvest.engine.work_limit import PERIOD_WORK, SAMPLE_WORK, Budget
 from piezoharvest.equations.circuits import circuit_equations, circuit_powers
 from piezoharvest.equations.pieces import Pieces
 from piezoharvest.equations.rows import connected
@@ -55,7 +55,8 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     system : System
     excitation : Excitation
     record : float, optional
-        Length of the run in s, for effects that change during a record; without it they keep their initial values.
+        Length of the run in s, for effects that change during a record and for its work limit; without it they keep
+        their initial values.
 
     Raises
     ------
@@ -108,6 +109,8 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     budget = Budget()
     budget.left += SAMPLE_WORK * int(excitation.samples)
+    if record is not None and isinstance(signal, Tones) and len(signal.frequencies):
+        budget.left += PERIOD_WORK * int(record * np.max(signal.frequencies))
     return Lowered(program, tuple(layout.names), tuple(groups.index), categories, signal, terms.unfelt, budget)
 
 

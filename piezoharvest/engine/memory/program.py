@@ -144,7 +144,7 @@ NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
 LISTS = Program._fields[ODD - _SIZES :]
 CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
-ROOM = 33  # entries of the table of contents for the tables of modes
+ROOM = 36  # entries of the table of contents for the tables of modes
 
 
 def integers(program: Program) -> np.ndarray:

@@ -28,8 +28,8 @@ TOLERANCE = 1e-11  # of the outputs of smooth elements: the energy of a period t
     # and in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
     FREE_STEP, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
-    SAMPLES, TAPE, QUADRATURE, FIRST_TIMES, END,
-) = range(56)  # fmt: skip
+    SAMPLES, TAPE, QUADRATURE, FACTORS, FIRST_TIMES, END,
+) = range(57)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -77,7 +77,7 @@ class EngineState:
             EXTREMES: 4, ENERGY: energies, PHI: TANGENT_BLOCKS * columns, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])), QUADRATURE: energies,
-            FIRST_TIMES: len(pg.EVENT_NAMES),
+            FACTORS: (tb.NODE_COUNT + 1) * contents[tb.FACTOR_ROWS] if ledger else 0, FIRST_TIMES: len(pg.EVENT_NAMES),
         }  # fmt: skip
         lists = {
             SLIP: h, POLARITY: QUEUE_LENGTH, CANDIDATE: guards, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)),

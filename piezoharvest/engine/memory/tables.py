@@ -27,13 +27,15 @@ TERMS = 8  # of those, used for a motion within a finest step: the rest is below
 TAYLOR_ROWS = padded(TERMS + 1)
 MAX_MAPPED = 4096  # keys of modes that are looked up directly
 OUTPUT_ROWS = padded(len(pg.OUTPUTS))
+NODE_COUNT = 8  # of a Gauss-Legendre quadrature of energies
+MAX_NODE_SETS = 16  # levels of a mode whose factors of powers are tabulated at these nodes
 
 # Table of contents, L, behind the program's: sizes of the blocks,
 (
     TABLES, BLOCK, SLOTS, SLOT, CLAMPED, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, FREE_STEP, SIZES, OUTPUTS, PRODUCTS, GROWTH,
-    GRAMIAN, DIGITS, FREE_STEP_ROWS, DELAYED, CONSTANT_SHARE,
+    GRAMIAN, FACTOR_COLUMNS, FACTOR_ROWS, NODE_FACTORS, DIGITS, FREE_STEP_ROWS, DELAYED, CONSTANT_SHARE,
     # 1 if the switch passes through several stages,
     STAGED,
     # the work that is left, and the value of it at the next check (see `work_limit`).
@@ -41,8 +43,11 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 ) = range(pg.CONTENTS, pg.CONTENTS + pg.ROOM)  # fmt: skip
 # and within its block of integers: key, finest level, bits of its energies (0 if they are not there), padded number of
 # the guards' rows without those of watched outputs, place of the form that conducting diodes hold at zero (-1: none),
-# number of guards, then for every guard its kind and its row.
-KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, CLAMPED_FORM, GUARD_COUNT, FIRST_GUARD = range(7)
+# number of levels whose factors of powers are tabulated at nodes, for every level how often they were asked for (or
+# minus the number of its table), number of guards, then for every guard its kind and its row.
+KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, CLAMPED_FORM, NODE_SETS, NODE_USES = range(7)
+GUARD_COUNT = NODE_USES + LEVELS
+FIRST_GUARD = GUARD_COUNT + 1
 
 
 def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
@@ -56,6 +61,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     sampled, staged = head[pg.SIGNAL_KIND] == pg.RAMPS, _staged(head)
     glide_rows = 2 * rows + 2 * forms + OUTPUT_ROWS
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
+    factors = 2 * padded(int(products)) if ledger else 0
     sizes = {
         STEPS: LEVELS, MATRIX: square, POWERS: TERMS * square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows,
         VALUES: forms * columns, TAYLOR: forms * TAYLOR_ROWS * columns,
@@ -63,6 +69,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         FREE_STEP: glide_rows * columns if sampled or staged else 0,
         DELAYED: 3 * forms * columns, SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
+        FACTOR_COLUMNS: factors * columns, NODE_FACTORS: MAX_NODE_SETS * NODE_COUNT * factors * columns,
         DIGITS: -(-LEVELS // DIGIT_BITS) * LARGEST * square if sampled else 0, CONSTANT_SHARE: 1,
     }  # fmt: skip
     offset = 0
@@ -73,7 +80,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     scratch = int((ORDER + 4) * square + (LEVELS if sampled or staged else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
-    head[GUARD_ROWS], head[FREE_STEP_ROWS], head[STAGED] = 3 * forms, glide_rows, staged
+    head[GUARD_ROWS], head[FREE_STEP_ROWS], head[STAGED], head[FACTOR_ROWS] = 3 * forms, glide_rows, staged, factors
     head[SCRATCH] = whole_lines(head[pg.LENGTH])
     head[TABLES] = head[SCRATCH] + whole_lines(scratch)
     head[SLOTS] = len(head)

@@ -201,12 +201,35 @@ def accumulate(typing_context: Any, v, x, factor, y, rows):
     return signature, generate
 
 
+@intrinsic
+def add_products(typing_context: Any, v, x, y, factor, z, rows):
+    """V[z:] = V[z:] + factor V[x:] V[y:], number by number, for a padded number of rows."""
+    signature = types.void(v, types.intp, types.intp, types.float64, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, x, y, factor, z, rows = arguments
+        vector, factors = _Memory(builder, v), spread(builder, factor)
+        with _blocks(builder, rows) as (i, _):
+            here = builder.add(z, i)
+            product = builder.fmul(vector.load(builder.add(x, i)), vector.load(builder.add(y, i)), flags=_FUSED)
+            term = builder.fmul(product, factors, flags=_FUSED)
+            vector.store(builder.fadd(vector.load(here), term, flags=_FUSED), here)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
 def _total(builder, rows, term):
     """Sum of all numbers of `term(i)`, the register from row i on, for a padded number of rows."""
     total = cgutils.alloca_once_value(builder, ir.Constant(_VECTOR, [0.0] * LANES))
     with _blocks(builder, rows) as (i, _):
         builder.store(builder.fadd(builder.load(total), term(i), flags=_FUSED), total)
-    half, lanes = builder.load(total), LANES
+    return _sum_of_lanes(builder, builder.load(total))
+
+
+def _sum_of_lanes(builder, half):
+    """Sum of the numbers of a register."""
+    lanes = LANES
     while lanes > 1:
         lanes //= 2
         order = [k % lanes + lanes for k in range(lanes)] + [0] * (LANES - lanes)
@@ -241,6 +264,43 @@ def total_size(typing_context: Any, v, x, rows):
         v, x, rows = arguments
         vector = _Sizes(builder, v)
         return _total(builder, rows, lambda i: vector.load(builder.add(x, i)))
+
+    return signature, generate
+
+
+def _summed_form(builder, matrix, at, rows, columns, vector, x):
+    """Sum of all terms of a quadratic form of V[x:], the form as the matrix of `multiply`."""
+    nothing = ir.Constant(_VECTOR, [0.0] * LANES)
+    total = cgutils.alloca_once_value(builder, nothing)
+
+    def add(i, found):
+        term = builder.fmul(found, vector.load(builder.add(x, i)), flags=_FUSED)
+        builder.store(builder.fadd(builder.load(total), term, flags=_FUSED), total)
+
+    _product(builder, matrix, at, rows, rows, columns, vector, x, lambda i: nothing, add)
+    return _sum_of_lanes(builder, builder.load(total))
+
+
+@intrinsic
+def form(typing_context: Any, m, at, rows, columns, v, x):
+    """Value of a quadratic form of V[x:], the form as the matrix of `multiply`."""
+    signature = types.float64(m, types.intp, types.intp, types.intp, v, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        m, at, rows, columns, v, x = arguments
+        return _summed_form(builder, _Memory(builder, m), at, rows, columns, _Memory(builder, v), x)
+
+    return signature, generate
+
+
+@intrinsic
+def form_size(typing_context: Any, m, at, rows, columns, v, x):
+    """Sum of the absolute values of all terms of a quadratic form, as in `form`."""
+    signature = types.float64(m, types.intp, types.intp, types.intp, v, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        m, at, rows, columns, v, x = arguments
+        return _summed_form(builder, _Sizes(builder, m), at, rows, columns, _Sizes(builder, v), x)
 
     return signature, generate
 

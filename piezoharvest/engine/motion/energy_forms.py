@@ -7,11 +7,11 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
-from piezoharvest.engine.memory.tables import block_of, slot_of
+from piezoharvest.engine.memory.tables import LEVELS, block_of, slot_of
 from piezoharvest.engine.memory.vector import accumulate, copy, dot, grow_all, multiply, multiply_all, polynomial
 from piezoharvest.engine.work_limit import spend_products
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(tb.NODE_COUNT)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
@@ -57,11 +57,31 @@ def energies_of_steps(P, L, slot, configuration):
                 P[transposed + i * rows + j] = P[growth + j * rows + i]
         for e in range(energies):
             _double_form(P, L, gramian + e * square, coarser + e * square, growth, transposed)
+    _factors_by_columns(P, L, slot)
     bits, gramian = 1, block + L[tb.GRAMIAN] + finest * energies * square
     for e in range(energies):
         if dot(P, gramian + e * square, P, gramian + e * square, square) > 0.0:
             bits |= bit_of_energy(e)
     return bits
+
+
+@compiled
+def _factors_by_columns(P, L, slot):
+    """The factors of all powers once more, as a matrix by columns: all first ones, then all second ones.
+
+    None are tabulated at nodes yet.
+    """
+    block, rows, height, at = block_of(L, slot), L[pg.ROWS], L[tb.FACTOR_ROWS], slot_of(L, slot)
+    products, columns = block + L[tb.PRODUCTS], block + L[tb.FACTOR_COLUMNS]
+    for k in range(L[pg.COLUMNS] * height):
+        P[columns + k] = 0.0
+    for p in range(L[pg.PRODUCTS] + L[pg.H]):
+        for side in range(2):
+            for j in range(L[pg.A]):
+                P[columns + j * height + side * height // 2 + p] = P[products + (2 * p + side) * rows + j]
+    L[at + tb.NODE_SETS] = 0
+    for level in range(LEVELS):
+        L[at + tb.NODE_USES + level] = 0
 
 
 @inlined

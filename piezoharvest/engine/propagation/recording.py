@@ -10,10 +10,11 @@ from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column, vector
 from piezoharvest.engine.memory.tables import block_of, slot_of
-from piezoharvest.engine.memory.vector import copy, dot, grow, multiply, polynomial
-from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS, bit_of_energy, energies_of_steps
+from piezoharvest.engine.memory.vector import copy, dot, form, form_size, grow, multiply
+from piezoharvest.engine.motion.energy_forms import bit_of_energy, energies_of_steps
 from piezoharvest.engine.motion.exact_step import FLOW, SAMPLE, SAVED, SERIES, propagate_exactly, taylor_terms
 from piezoharvest.engine.motion.mode_forms import STIFF_LEVELS
+from piezoharvest.engine.propagation.quadrature import add_energies_of_series, energies_by_quadrature
 from piezoharvest.engine.work_limit import spend_products
 
 # Of the terms of the form of a finest step: rounding of some thirty sums on each of the first levels.
@@ -114,7 +115,9 @@ def record_energies(P, L, S, D, slot, tau, level):
             copy(S, out, 0, rows)
             rest -= P[steps + k]
     if rest > 0.0:
-        _add_short_step(P, L, S, D, slot, rest)
+        copy(S, 0, vector(L, D, SERIES), rows)
+        taylor_terms(P, L, S, D, slot)
+        add_energies_of_series(P, L, S, D, slot, rest / P[steps + finest])
     copy(S, kept, 0, rows)
 
 
@@ -126,7 +129,7 @@ def _full_step(P, L, S, D, slot, level):
     results as a difference of large ones. If that matters, quadrature is used where it agrees with the form to that
     rounding: it is then as good, and far better if the motion is smooth.
     """
-    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     spend_products(L, D[st.ENERGIES])
     square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
     felt = L[slot_of(L, slot) + tb.ACCOUNTED]
@@ -134,69 +137,14 @@ def _full_step(P, L, S, D, slot, level):
         if not felt & bit_of_energy(e):
             continue
         forms = block + L[tb.GRAMIAN] + e * square
-        multiply(P, forms + level * L[tb.LEDGER] * square, rows, columns, S, 0, out)
-        total = 0.0
-        for i in range(rows):
-            total += S[i] * S[out + i]
+        total = form(P, forms + level * L[tb.LEDGER] * square, rows, columns, S, 0)
         if finest >= STIFF_LEVELS:
-            rounding = (
-                _form_size(P, L, S, forms + finest * L[tb.LEDGER] * square) * FORM_ROUNDING * 2.0 ** (finest - level)
-            )
+            size = form_size(P, forms + finest * L[tb.LEDGER] * square, rows, columns, S, 0)
+            rounding = size * FORM_ROUNDING * 2.0 ** (finest - level)
             if rounding > NEGLIGIBLE_SHARE * abs(total):
                 if not known:
-                    _quadrature(P, L, S, D, slot, P[block + L[tb.STEPS] + level])
+                    energies_by_quadrature(P, L, S, D, slot, level)
                     known = True
                 if abs(S[D[st.QUADRATURE] + e] - total) <= rounding:
                     total = S[D[st.QUADRATURE] + e]
         S[D[st.ENERGY] + e] += total
-
-
-@compiled
-def _form_size(P, L, S, form):
-    """Sum of the absolute values of all terms of a quadratic form of the present state."""
-    spend_products(L, 8)  # one number at a time
-    size = 0.0
-    for j in range(L[pg.A]):
-        column = 0.0
-        for i in range(L[pg.A]):
-            column += abs(P[form + j * L[pg.ROWS] + i] * S[i])
-        size += column * abs(S[j])
-    return size
-
-
-@compiled
-def _add_short_step(P, L, S, D, slot, tau):
-    """Add energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
-    block, z, rows = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS]
-    short = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    copy(S, 0, vector(L, D, SERIES), rows)
-    taylor_terms(P, L, S, D, slot)
-    for q in range(len(NODES)):
-        polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
-        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], D[st.ENERGY])
-
-
-@compiled
-def _quadrature(P, L, S, D, slot, tau):
-    """Compute at QUADRATURE the energies over tau by Gauss-Legendre quadrature, accurate for smooth motion."""
-    z, energies = vector(L, D, SAMPLE), D[st.QUADRATURE]
-    spend_products(L, len(NODES) * (L[pg.PRODUCTS] + L[pg.H]))
-    for e in range(D[st.ENERGIES]):
-        S[energies + e] = 0.0
-    for q in range(len(NODES)):
-        propagate_exactly(P, L, S, D, slot, 0, NODES[q] * tau, z)
-        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], energies)
-
-
-@compiled
-def _add_powers(P, L, S, D, slot, z, time, energies):
-    """Add to the energies the powers at a state times a duration."""
-    block, rows, own, configuration = block_of(L, slot), L[pg.ROWS], L[pg.PRODUCTS], D[st.CONFIGURATION]
-    for p in range(own + L[pg.H]):
-        category, weight = pg.HYSTERESIS, time
-        if p < own:
-            category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
-            weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
-        if category >= 0:
-            product = block + L[tb.PRODUCTS] + 2 * p * rows
-            S[energies + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)
