@@ -139,7 +139,8 @@ class CandidateMaker:
         self.progress(Step(f"{draft.kind}: tuning for the worst case"))
         try:
             exact = self._on_two_port(tuned.shunt)
-            return self.robust.hardened(draft, tuned, self._region(draft), exact, self.progress)
+            found = joint_starts(self._view(draft), draft, self.host) if exact else []
+            return self.robust.hardened(draft, tuned, self._region(draft), exact, found, self.progress)
         except ParameterError as error:
             self.notes.append(f"{draft.kind}: not tuned for its worst case: {error.message}")
             return tuned

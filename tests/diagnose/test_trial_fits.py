@@ -11,9 +11,11 @@ from piezoharvest.diagnose.selection.candidate_fits import FIT_TOLERANCE, Candid
 from piezoharvest.diagnose.selection.effect_change import EffectChange
 from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.diagnose.selection.significance import significance, variance_inflation
-from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.cost_function import CostFunction
+from piezoharvest.identify.fitting.evaluation import whiteners
+from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.output_error import fit
-from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import parameters_of
@@ -47,6 +49,23 @@ def test_they_end_where_thorough_fits_do(records, present, start):
     assert quick.cost - thorough.cost < FIT_TOLERANCE
     np.testing.assert_allclose(np.diag(quick.information), np.diag(thorough.information), rtol=0.05)
     assert quick.sums[0].count.tolist() == thorough.sums[0].count.tolist()
+
+
+def test_the_cost_is_smooth_where_the_stack_follows_quasi_statically(records):
+    """What Newton's method leaves of a step's inputs moves it by 1e11 times as much; a descent ends in any dent."""
+    problem, found, _ = fitted(*records, [Stiffening(cubic_stiffness=3e18)], seed=8)
+    best = with_effect(problem, found, Stiffening(cubic_stiffness=0.0), FIT_TOLERANCE)
+    judge = CostFunction(
+        problem, whiteners(problem, best.model, best.nuisance, found.noise), *prior_of(problem, best.model)
+    )
+    values = np.concatenate([inner_values(best.model), *best.nuisance])
+    here = judge.at(best.model, best.nuisance, values)
+    for k in range(4):
+        step = np.zeros(len(values))
+        step[k] = 1e-3 / np.sqrt(here.information[k, k])
+        costs = [judge.tried(here, values + n * step).cost for n in range(1, 6)]
+        # A parabola has no third difference; that of a thousandth of a standard error is 1e-9 at most.
+        assert np.abs(np.diff([here.cost, *costs], 3)).max() < 0.01
 
 
 def test_what_the_data_determines_is_asked_again_beside_an_effect(records):

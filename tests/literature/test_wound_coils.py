@@ -203,14 +203,17 @@ def test_runs_from_rest_on_the_bench(share, keys):
     parts = from_rest(length, share * CLOSED, **keys)
     edges = [part.t_min for part in parts] + [length]
     # An extremum is located to a nanosecond, as the velocity is known to 1e-6: within a flip, so is all that follows.
+    # What pushes with twice the voltage for so long at each extremum moves the mass from then on.
     late = 1e-9
-    for part, (begin, end) in zip(parts, pairwise(edges), strict=True):
+    push = 2 * np.abs(waves.voltage).max() * BENCH["coupling"] * late / math.sqrt(BENCH["stiffness"] * BENCH["mass"])
+    for flips, (part, (begin, end)) in enumerate(zip(parts, pairwise(edges), strict=True)):
         here = (waves.time > begin + 1e-7) & (waves.time < end - 1e-7)
         if here.any():
             times = waves.time[here]
             x, _, v, _, _ = part(times)
             slope = np.abs(part(times + 1e-8)[2] - part(times - 1e-8)[2]) / 2e-8
-            assert np.all(np.abs(waves.displacement[here] - x) < 1e-7 * np.abs(waves.displacement).max())
+            exact = 1e-7 * np.abs(waves.displacement).max()
+            assert np.all(np.abs(waves.displacement[here] - x) < exact + flips * push)
             assert np.all(np.abs(waves.voltage[here] - v) < 1e-6 * np.abs(waves.voltage).max() + late * slope)
 
 

@@ -9,7 +9,7 @@ engine's gradients at one frequency, and a zoom through batches over a band.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -51,6 +51,8 @@ class Hardening:
         Gives the worst points of the box for a shunt: of the objective and of each limit.
     affordable : callable
         True as long as more simulations may be made.
+    starts : list of Start
+        Start values beside the nominal optimum, which may lie where no small change helps against the tolerance.
     progress : callable
         Takes messages on the progress.
     """
@@ -60,6 +62,7 @@ class Hardening:
     region: Region
     worst_points: WorstPoints
     affordable: Callable[[], bool]
+    starts: list[Start] = field(default_factory=list)
     progress: Callable[[str], object] = silent
 
     def run(self, nominal: Tuned) -> Tuned:
@@ -90,8 +93,10 @@ class Hardening:
         return self.space.nominal.goal.merit(worst_of(space.figures(p) for p in points))
 
     def _tune(self, points: list[np.ndarray], *shunts: Shunt) -> Tuned:
-        """Tune for some points, from each of some shunts."""
+        """Tune for some points, from each of some shunts and from the start values that are best for these points."""
         starts = [Start("nominal optimum", self.draft.values_of(s)) for s in dict.fromkeys(shunts)]
+        if self.starts:
+            starts.append(min(self.starts, key=lambda s: self._merit(self.draft.with_values(s.values), points)))
         name = f"{self.draft.kind}: tuning for the worst case of {counted(len(points), 'point')}"
         if self.space.exact:
             view, found = ScenarioView(self.space, points), []

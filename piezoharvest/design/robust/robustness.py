@@ -29,6 +29,7 @@ from piezoharvest.design.robust.specimen import ConfidenceRegion, region_of
 from piezoharvest.design.robust.worst import LimitCase, RobustCase
 from piezoharvest.design.tuning.minimax import Tuned
 from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.starts import Start
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
 from piezoharvest.linear import check_stability
 from piezoharvest.progress import silent
@@ -79,9 +80,10 @@ class Robustness:
         return self.view.goal
 
     def hardened(
-        self, draft: Draft, nominal: Tuned, region: Region, exact: bool, progress: Callable[[str], object] = silent
-    ) -> Tuned:
-        """The draft tuned for its worst case, beginning at its nominal optimum.
+        self, draft: Draft, nominal: Tuned, region: Region, exact: bool, starts: list[Start],
+        progress: Callable[[str], object] = silent,
+    ) -> Tuned:  # fmt: skip
+        """The draft tuned for its worst case, beginning at its nominal optimum and, on the two-port, at start values.
 
         `exact` says that the two-port is as good as the simulation; `progress` takes messages.
         """
@@ -90,7 +92,8 @@ class Robustness:
         if not draft.free or not space.box.names:
             return nominal
 
-        return Hardening(space, draft, region, self._worst_points(space, affordable), affordable, progress).run(nominal)
+        worst = self._worst_points(space, affordable)
+        return Hardening(space, draft, region, worst, affordable, starts if exact else [], progress).run(nominal)
 
     def rounded(
         self, draft: Draft, series: Series, known: dict[str, float], region: Region | None, exact: bool,
