@@ -10,9 +10,9 @@ from piezoharvest.predict.propagation.products import solve
 
 _MAX_ITERATIONS = 60
 _MIN_STEP_SHARE = 0.01  # of a Newton step
-# Relative residuals of the inputs at which Newton ends: as they are, and where rounding prevents a tenth of them. What is
-# left of them moves the states by much more where these follow quasi-statically, 1e11 times as much in a stack of 22 kHz
-# under steps of seconds, and a cost that it makes uneven has no smooth valley.
+# Relative residuals of the inputs at which Newton ends: as they are, and where rounding prevents a tenth of them. What
+# is left of them moves states that follow quasi-statically by much more, 1e11 times as much in a stack of 22 kHz under
+# steps of seconds, and a cost that it makes uneven has no smooth valley.
 _TOLERANCE, _LIMIT_OF_ROUNDING = 1e-15, 1e-13
 _EXACT = 1e-17  # the same at start values, whose error no step of Newton's has squared: elements are at rest
 _ROUNDING_SHARE = 0.1  # of an input: its rounding error is well below this times _LIMIT_OF_ROUNDING
