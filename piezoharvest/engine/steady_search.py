@@ -166,8 +166,7 @@ def check(status: int) -> None:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
-            3: "stopped when the units of work allowed for a simulation were used up: it has too many events or is too "
-            "long",
+            3: "stopped at the limit of units of work for a simulation: it has too many events or is too long",
             4: f"more than {QUEUE_LENGTH} actions of the switch are pending at the same time: its lag is too long for "
             "a displacement with so many extrema",
         }
