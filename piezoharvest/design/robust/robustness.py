@@ -83,9 +83,10 @@ class Robustness:
         self, draft: Draft, nominal: Tuned, region: Region, exact: bool, starts: list[Start],
         progress: Callable[[str], object] = silent,
     ) -> Tuned:  # fmt: skip
-        """The draft tuned for its worst case, beginning at its nominal optimum and, on the two-port, at start values.
+        """The draft tuned for its worst case, beginning at its nominal optimum.
 
-        `exact` says that the two-port is as good as the simulation; `progress` takes messages.
+        `exact` says that the two-port is as good as the simulation, `starts` are then further start values, and
+        `progress` takes messages.
         """
         space = self._space(nominal.shunt, exact)
         affordable = self._share(space)
@@ -93,7 +94,7 @@ class Robustness:
             return nominal
 
         worst = self._worst_points(space, affordable)
-        return Hardening(space, draft, region, worst, affordable, starts if exact else [], progress).run(nominal)
+        return Hardening(space, draft, region, worst, affordable, starts, progress).run(nominal)
 
     def rounded(
         self, draft: Draft, series: Series, known: dict[str, float], region: Region | None, exact: bool,
