@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from piezoharvest.bench import measure, write_campaign
@@ -11,6 +12,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.identify import growing_fit, identify
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.start_values.multistart import fit_multistart
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.records import CampaignError, load_campaign
 from piezoharvest.study import study_from
 
@@ -208,6 +210,21 @@ def test_a_record_that_begins_at_rest_begins_at_rest(tmp_path):
     assert data_of(record, device).start == {}
     late = replace(record, time=cut(record.time), signals={name: cut(s) for name, s in record.signals.items()})
     assert {"start x1", "start u1", "start q"} <= set(data_of(late, device).start)
+
+
+@pytest.mark.parametrize("force", [-1e-6, 1e-6])
+@pytest.mark.parametrize("shunt", [SSHI, RECTIFIER])
+def test_ideal_diodes_at_rest(tmp_path, shunt, force):
+    """Nothing keeps the electrodes apart from an empty capacitor, and noise of the force says which way they go."""
+    (record, *_) = campaign(tmp_path, {**shunt, "diode_drop": 0.0}, 1, duration=0.1, records=RECORDS[:1]).records
+    first = np.append(force, record["force"][1:])
+    begun = replace(record, signals={**record.signals, "force": replace(record.signals["force"], values=first)})
+    data = data_of(begun, Transducer(**BENCH))
+    assert data.start == {}
+    predicted = CircuitPrediction(Transducer(**BENCH), data.setting)
+    (block,) = predicted.blocks(derivatives=False, channels=["voltage"])
+    voltage = block.values[:, 0]
+    assert np.sqrt(np.mean((voltage - record["voltage"]) ** 2)) < 0.02 * np.ptp(record["voltage"])
 
 
 def cut(signal):

@@ -179,7 +179,10 @@ class Bridge(Shunt):
         return (State("dc", self.dc_capacitance, odd=False, initial=begins),)
 
     def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
-        return {} if self.storage is None else {"dc": (-np.inf, self.storage.limit)}
+        """Of the smoothing capacitor: below zero, as noise may put it, ideal diodes would conduct both ways."""
+        if self.smoothing_capacitance is None:
+            return {}
+        return {"dc": (0.0, np.inf if self.storage is None else self.storage.limit)}
 
     @property
     def dc_capacitance(self) -> Any:
