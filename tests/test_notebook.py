@@ -22,6 +22,7 @@ from piezoharvest import (
     TwoPort,
     design,
     frequency_response,
+    identify,
     sampled_loop,
     simulate,
 )
@@ -248,6 +249,25 @@ def test_without_pandas_it_is_said(response, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
     with pytest.raises(ImportError, match=r"to_frame needs pandas, .*piezoharvest\[notebook\]"):
         response.to_frame()
+
+
+def test_a_sign_that_is_the_nominal_one_is_told_in_the_table():
+    """Responses of the structure behind several loads determine the square of the coupling alone."""
+    f, rng = np.linspace(46.0, 55.0, 60), np.random.default_rng(1)
+
+    def record(load):
+        response = frequency_response(System(TRANSDUCER, Resistor(resistance=load)), f).velocity
+        response = response * (1 + 1e-3 * (rng.normal(size=60) + 1j * rng.normal(size=60)))
+        data = {"frequency_Hz": f, "response": response}
+        return {"data": data, "kind": "frf", "output": "velocity", "load_resistance": load}
+
+    found = identify(Campaign.from_arrays(TRANSDUCER, [record(load) for load in (1e3, 1e5, 1e7)]))
+    notes = {row["parameter"]: row["note"] for row in found.rows}
+    assert notes.pop("coupling") == "sign as nominal: the records determine only its square"
+    assert set(notes.values()) == {""}
+    assert "<th>note</th>" in found._repr_html_()
+    known = dataclasses.replace(found, estimates=tuple(dataclasses.replace(e, note="") for e in found.estimates))
+    assert "<th>note</th>" not in known._repr_html_()  # no empty column
 
 
 class TestConfidence:
