@@ -206,7 +206,9 @@ def test_missing_and_unknown_figures():
         Transducer.from_modal(**{key: value for key, value in MODAL.items() if key != "capacitance_is"})
     with pytest.raises(ParameterError, match="datasheet: missing key, one of blocking_force"):
         Transducer.from_datasheet(mass=1.0)
-    with pytest.raises(ParameterError, match=r"material: found 'PZT' \(did you mean 'PZT-8' or .*, allowed are PZT-4"):
+    with pytest.raises(
+        ParameterError, match=r"material: found 'PZT' \(did you mean 'PZT-8' or .*, allowed are PIC255, PVDF, PZT-4"
+    ):
         Transducer.from_datasheet(material="PZT")
 
 
@@ -269,6 +271,31 @@ def test_the_catalogue_has_all_kinds_with_sources():
         permittivity = constants["relative_permittivity"] * 8.8541878188e-12
         assert material["source"] and 0 < constants["d33"] ** 2 / (constants["s33"] * permittivity) < 1
         assert 0 < constants["d31"] ** 2 / (constants["s11"] * permittivity) < 1
+
+
+def test_sources_are_those_of_who_measured():
+    """No copies on a site where anybody puts documents."""
+    entries = [*map(catalogue.entry, catalogue.names()), *map(catalogue.material, catalogue.materials())]
+    assert [entry["source"] for entry in entries if "scribd" in entry["source"].lower()] == []
+
+
+def test_a_film_has_the_coupling_factor_of_its_manual():
+    """PVDF: k31 = 0.12, and 380 pF/cm^2 at 28 um (Piezo Film Sensors Technical Manual, table 1)."""
+    found = Transducer.from_datasheet(
+        material="PVDF", length=0.03, width=0.012, thickness=28e-6, modal_mass=6e-6, quality=10.0
+    )
+    share = found.coupling_squared / (1 + found.coupling_squared)
+    assert math.sqrt(share) == pytest.approx(0.12, abs=0.005)
+    assert (found.capacitance + found.coupling**2 / found.stiffness) / 3.6 == pytest.approx(380e-12, rel=0.05)
+
+
+def test_a_ceramic_patch_is_about_as_stiff_as_its_ceramic():
+    found = Transducer.from_datasheet(**catalogue.entry("P-876.A12")["transducer"]["datasheet"])
+    plate = Transducer.from_datasheet(
+        material="PIC255", length=0.05, width=0.03, thickness=2e-4, modal_mass=0.00078, quality=30.0
+    )
+    assert found.stiffness == pytest.approx(plate.stiffness, rel=0.15)  # the polymer adds a tenth
+    assert abs(plate.coupling) == pytest.approx(0.335, abs=5e-4)  # as the note says for small signals
 
 
 def test_a_catalogued_stack_meets_its_own_data_sheet():
