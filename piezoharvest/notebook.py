@@ -33,9 +33,10 @@ class Shown:
         return f"<{type(self).__name__}: {self.heading}>"
 
     def _repr_html_(self) -> str:
-        """The result as a table, which notebooks call for."""
+        """The result as a table, which notebooks call for; columns in which nothing stands are left out."""
         rows = self.rows
-        columns = list(dict.fromkeys(column for row in rows for column in row))
+        named = dict.fromkeys(column for row in rows for column in row)
+        columns = [column for column in named if any(cell(row.get(column)) for row in rows)]
         head = "".join(f"<th>{escape(column.replace('_', ' '))}</th>" for column in columns)
         lines = ["".join(f"<td>{escape(cell(row.get(column)))}</td>" for column in columns) for row in rows]
         body = "".join(f"<tr>{line}</tr>" for line in lines)

@@ -12,6 +12,7 @@ import pytest
 from reports.speed import (
     engine,
     events_ivp,
+    explorer,
     ngspice,
     pages,
     plots,
@@ -22,7 +23,7 @@ from reports.speed import (
     words,
 )
 from reports.speed import transient as runs
-from reports.speed.bench import Extent, measure, write
+from reports.speed.bench import HERE, Extent, measure, write
 from reports.speed.drives import Sine, Straight
 from reports.speed.equations import Loaded
 from reports.speed.exact_numpy import Stepper
@@ -105,14 +106,26 @@ class TestAlternatives:
         assert simulate(*studies.sshc().objects()).events_per_period == 24
 
 
+def test_answers_of_the_explorer_are_measured_against_a_goal():
+    """Each is one to be trusted; how long it may take is a goal of the report, not of this test."""
+    found = explorer.measure(1)
+    assert [row["title"] for row in found["rows"]] == [
+        "parallel SSHI", "parallel SSHI, three P-I operators", "SSHC with 4 capacitors",
+    ]  # fmt: skip
+    kept = json.loads((HERE / "speed.json").read_text(encoding="utf-8"))
+    (goal,) = (goal for goal in goals({**kept, "explorer": found}) if "explore" in goal.what)
+    assert (goal.limit, goal.unit, goal.at_most) == (0.1, "s", True)
+    assert goal.found == max(row["seconds"] for row in found["rows"])
+
+
 @pytest.mark.slow
 class TestResults:
     def test_json(self, results, tmp_path):
         write(results, tmp_path)
         found = json.loads((tmp_path / "speed.json").read_text())
         assert set(found) == {
-            "machine", "sshi", "sshi_stops", "sshc", "record", "campaign", "scaling", "steady", "gradient", "sweep",
-            "startup", "goals",
+            "machine", "sshi", "sshi_stops", "sshc", "record", "campaign", "scaling", "steady", "gradient", "explorer",
+            "sweep", "startup", "goals",
         }  # fmt: skip
         for key in ("sshi", "sshi_stops", "record"):
             names = {row["alternative"] for row in found[key]["rows"]}

@@ -460,10 +460,14 @@ class TestProgram:
         process = self.start("--version")
         assert (process.communicate()[0], process.returncode) == (f"piezoharvest {__version__}\n", 0)
 
-    def test_a_shell_completes_the_names_of_commands(self):
-        words = {"_PIEZOHARVEST_COMPLETE": "complete_bash", "COMP_WORDS": "piezoharvest si", "COMP_CWORD": "1"}
+    @pytest.mark.parametrize(
+        ("typed", "place", "completed"),
+        [("si", "1", "simulate\n"), ("catalogue P-885.5", "2", "P-885.51\n"), ("catalogue PVD", "2", "PVDF\n")],
+    )
+    def test_a_shell_completes_commands_and_the_names_of_the_catalogue(self, typed, place, completed):
+        words = {"_PIEZOHARVEST_COMPLETE": "complete_bash", "COMP_WORDS": f"piezoharvest {typed}", "COMP_CWORD": place}
         process = self.start(env={**os.environ, **words})
-        assert (process.communicate(), process.returncode) == (("simulate\n", ""), 0)
+        assert (process.communicate(), process.returncode) == ((completed, ""), 0)
 
     def test_status_reaches_the_shell(self, tmp_path):
         process = self.start("simulate", "nowhere.toml", cwd=tmp_path)

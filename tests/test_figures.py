@@ -17,6 +17,8 @@ MODAL = {"short_circuit_frequency": 50.0, "open_circuit_frequency": 51.0, "quali
          "capacitance": 40e-9, "capacitance_is": "free"}  # fmt: skip
 HARVESTER = {"open_circuit_voltage": 10.0, "acceleration": 9.8, "open_circuit_frequency": 100.0, "quality": 40.0,
              "capacitance": 50e-9, "capacitance_is": "free"}  # fmt: skip
+POWERED = {"power": 1e-3, "acceleration": 9.8, "resonance_frequency": 100.0, "quality": 40.0, "capacitance": 50e-9,
+           "modal_mass": 5e-3}  # fmt: skip
 ACTUATOR = {"free_stroke": 15e-6, "blocking_force": 300.0, "voltage": 100.0, "capacitance": 1.5e-6, "quality": 30.0}
 
 
@@ -74,6 +76,56 @@ class TestVibrationHarvester:
     def test_too_light(self):
         with pytest.raises(ParameterError, match=r"open_circuit_voltage: found 10, too large for a mass of 1e-06 kg"):
             Transducer.from_datasheet(**HARVESTER | {"capacitance_is": "clamped"}, modal_mass=1e-6)
+
+
+def power_in(transducer, resistance):
+    """Mean power of 9.8 m/s^2 at the short-circuit resonance in a resistor."""
+    drive = SineBase(amplitude=9.8, frequency=transducer.short_circuit_frequency)
+    return simulate(System(transducer, Resistor(resistance=resistance)), drive).harvested_power
+
+
+@pytest.mark.parametrize("kind", ["free", "clamped"])
+class TestPowerAlone:
+    def test_the_power_in_the_best_resistor_comes_back(self, kind):
+        found = Transducer.from_datasheet(**POWERED, capacitance_is=kind)
+        omega = 2 * math.pi * 100.0
+        strength = found.coupling**2 / (found.damping * omega * found.capacitance)
+        best = 1 / (omega * found.capacitance * math.sqrt(1 + strength**2))
+        assert power_in(found, best) == pytest.approx(1e-3, rel=1e-6)
+        assert max(power_in(found, 0.98 * best), power_in(found, 1.02 * best)) < 1e-3
+        free = found.capacitance + found.coupling**2 / found.stiffness
+        assert (free if kind == "free" else found.capacitance) == pytest.approx(50e-9, rel=1e-12)
+        assert any("best load resistance" in text for text in found.assumptions)
+
+    @pytest.mark.parametrize("load", [20e3, 200e3])
+    def test_the_weaker_of_two_couplings_is_taken(self, kind, load):
+        """Beside the found one, the same power is reached at another, larger coupling, where the power falls."""
+        found = Transducer.from_datasheet(**POWERED, capacitance_is=kind, load_resistance=load)
+        assert power_in(found, load) == pytest.approx(1e-3, rel=1e-6)
+        stiffer = dataclasses.replace(found, coupling=1.001 * found.coupling)
+        assert power_in(stiffer, load) > 1e-3
+        assert any("weaker of the two" in text for text in found.assumptions)
+
+    def test_what_the_damping_allows(self, kind):
+        with pytest.raises(
+            ParameterError, match=r"power: found 0.004 W, must be less than \(m a\)\^2/\(8 c\) = 0.00382 W"
+        ):
+            Transducer.from_datasheet(**POWERED | {"power": 4e-3}, capacitance_is=kind)
+
+    def test_what_the_load_allows(self, kind):
+        """The message's limit is where the two couplings meet."""
+        with pytest.raises(
+            ParameterError, match=r"found 0.003 W, must be less than \S+ W: with this capacitance"
+        ) as error:
+            Transducer.from_datasheet(**POWERED | {"power": 3e-3}, capacitance_is=kind, load_resistance=200e3)
+        limit = float(str(error.value).split("less than ")[1].split()[0])
+        for share, fine in ((0.99, True), (1.01, False)):
+            figures = {**POWERED, "power": share * limit, "capacitance_is": kind, "load_resistance": 200e3}
+            if fine:
+                assert power_in(Transducer.from_datasheet(**figures), 200e3) == pytest.approx(share * limit, rel=1e-6)
+            else:
+                with pytest.raises(ParameterError, match="must be less than"):
+                    Transducer.from_datasheet(**figures)
 
 
 class TestActuator:
@@ -154,7 +206,9 @@ def test_missing_and_unknown_figures():
         Transducer.from_modal(**{key: value for key, value in MODAL.items() if key != "capacitance_is"})
     with pytest.raises(ParameterError, match="datasheet: missing key, one of blocking_force"):
         Transducer.from_datasheet(mass=1.0)
-    with pytest.raises(ParameterError, match=r"material: found 'PZT' \(did you mean 'PZT-8' or .*, allowed are PZT-4"):
+    with pytest.raises(
+        ParameterError, match=r"material: found 'PZT' \(did you mean 'PZT-8' or .*, allowed are PIC255, PVDF, PZT-4"
+    ):
         Transducer.from_datasheet(material="PZT")
 
 
@@ -217,6 +271,31 @@ def test_the_catalogue_has_all_kinds_with_sources():
         permittivity = constants["relative_permittivity"] * 8.8541878188e-12
         assert material["source"] and 0 < constants["d33"] ** 2 / (constants["s33"] * permittivity) < 1
         assert 0 < constants["d31"] ** 2 / (constants["s11"] * permittivity) < 1
+
+
+def test_sources_are_those_of_who_measured():
+    """No copies on a site where anybody puts documents."""
+    entries = [*map(catalogue.entry, catalogue.names()), *map(catalogue.material, catalogue.materials())]
+    assert [entry["source"] for entry in entries if "scribd" in entry["source"].lower()] == []
+
+
+def test_a_film_has_the_coupling_factor_of_its_manual():
+    """PVDF: k31 = 0.12, and 380 pF/cm^2 at 28 um (Piezo Film Sensors Technical Manual, table 1)."""
+    found = Transducer.from_datasheet(
+        material="PVDF", length=0.03, width=0.012, thickness=28e-6, modal_mass=6e-6, quality=10.0
+    )
+    share = found.coupling_squared / (1 + found.coupling_squared)
+    assert math.sqrt(share) == pytest.approx(0.12, abs=0.005)
+    assert (found.capacitance + found.coupling**2 / found.stiffness) / 3.6 == pytest.approx(380e-12, rel=0.05)
+
+
+def test_a_ceramic_patch_is_about_as_stiff_as_its_ceramic():
+    found = Transducer.from_datasheet(**catalogue.entry("P-876.A12")["transducer"]["datasheet"])
+    plate = Transducer.from_datasheet(
+        material="PIC255", length=0.05, width=0.03, thickness=2e-4, modal_mass=0.00078, quality=30.0
+    )
+    assert found.stiffness == pytest.approx(plate.stiffness, rel=0.15)  # the polymer adds a tenth
+    assert abs(plate.coupling) == pytest.approx(0.335, abs=5e-4)  # as the note says for small signals
 
 
 def test_a_catalogued_stack_meets_its_own_data_sheet():

@@ -22,6 +22,7 @@ from piezoharvest import (
     TwoPort,
     design,
     frequency_response,
+    identify,
     sampled_loop,
     simulate,
 )
@@ -202,6 +203,36 @@ def test_frames_of_what_holds_arrays(response):
         np.testing.assert_array_equal(table[column], wanted)
 
 
+def test_a_two_port_is_drawn():
+    port = TwoPort.of(TRANSDUCER, FREQUENCIES)
+    above, below = port.plot()
+    np.testing.assert_array_equal(above.lines[0].get_ydata(), abs(port.impedance()))
+    np.testing.assert_array_equal(below.lines[1].get_ydata(), abs(port.mechanical_impedance(0.0)))
+    given = matplotlib.figure.Figure().subplots()
+    assert port.plot(given) is given and [line.get_label() for line in given.lines] == ["free", "clamped"]
+
+
+def test_a_frequency_response_is_drawn():
+    swept = frequency_response(RESISTIVE, FREQUENCIES)
+    above, below = swept.plot()
+    np.testing.assert_array_equal(above.lines[0].get_ydata(), abs(swept.displacement))
+    np.testing.assert_array_equal(below.lines[0].get_ydata(), abs(swept.voltage))
+    given = matplotlib.figure.Figure().subplots()
+    loads = Resistor(resistance=np.array([[1e4], [1e5]]))
+    assert frequency_response(System(TRANSDUCER, loads), FREQUENCIES).plot(given) is given
+    assert (len(given.lines), given.get_ylabel()) == (2, "displacement in m/N")
+
+
+def test_a_study_is_a_line_and_a_table():
+    study = Study(title="fan", transducer=LEAKY, excitation=FORCE, shunts=(SSHI, Resistor(resistance=1e5)),
+                  design=DesignOptions(candidates=("short",)))  # fmt: skip
+    assert repr(study) == "<Study: fan, bench <1>, sine_force, 2 shunts, design>"
+    page = study._repr_html_()
+    assert page.count("<tr>") == 5
+    assert "<td>excitation</td><td>sine_force</td><td>amplitude 0.02 N, frequency 50.6 Hz" in page
+    assert "<td>shunts.1</td><td>resistor</td><td>resistance 1e+05 ohm</td>" in page
+
+
 def test_a_design(designed):
     assert repr(designed).startswith("<DesignResult: best of 2: ")
     found = designed.to_frame()
@@ -218,6 +249,25 @@ def test_without_pandas_it_is_said(response, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
     with pytest.raises(ImportError, match=r"to_frame needs pandas, .*piezoharvest\[notebook\]"):
         response.to_frame()
+
+
+def test_a_sign_that_is_the_nominal_one_is_told_in_the_table():
+    """Responses of the structure behind several loads determine the square of the coupling alone."""
+    f, rng = np.linspace(46.0, 55.0, 60), np.random.default_rng(1)
+
+    def record(load):
+        response = frequency_response(System(TRANSDUCER, Resistor(resistance=load)), f).velocity
+        response = response * (1 + 1e-3 * (rng.normal(size=60) + 1j * rng.normal(size=60)))
+        data = {"frequency_Hz": f, "response": response}
+        return {"data": data, "kind": "frf", "output": "velocity", "load_resistance": load}
+
+    found = identify(Campaign.from_arrays(TRANSDUCER, [record(load) for load in (1e3, 1e5, 1e7)]))
+    notes = {row["parameter"]: row["note"] for row in found.rows}
+    assert notes.pop("coupling") == "sign as nominal: the records determine only its square"
+    assert set(notes.values()) == {""}
+    assert "<th>note</th>" in found._repr_html_()
+    known = dataclasses.replace(found, estimates=tuple(dataclasses.replace(e, note="") for e in found.estimates))
+    assert "<th>note</th>" not in known._repr_html_()  # no empty column
 
 
 class TestConfidence:

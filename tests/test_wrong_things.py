@@ -1,5 +1,6 @@
 """What a user gets who hands a function, or a command, something else than it takes."""
 
+import pint
 import pytest
 
 import piezoharvest as ph
@@ -113,3 +114,21 @@ def test_a_decimal_comma_is_told(tmp_path, capsys):
     (tmp_path / "study.toml").write_text(STUDY.replace("amplitude = 1.0", "amplitude = 1,5  # N"))
     assert main(["simulate", str(tmp_path / "study.toml")]) == 2
     assert "line 5: found 1,5, must have a decimal point, not a comma" in capsys.readouterr().err
+
+
+class TestQuantitiesOfPint:
+    units = pint.UnitRegistry()
+
+    @pytest.mark.parametrize("given", [units.Quantity(47, "kohm"), units.Quantity([47.0], "ohm")])
+    def test_are_refused_at_once_with_the_field(self, given):
+        with pytest.raises(
+            ph.ParameterError, match=r"^resistance: found .*ohm.* with its unit, must be .* 0 ohm: .*m_as"
+        ):
+            ph.Resistor(resistance=given)
+
+    def test_one_of_several(self):
+        with pytest.raises(ph.ParameterError, match=r"^coupling: found 2.0 newton / volt with its unit"):
+            ph.Electrode(coupling=(1.0, self.units.Quantity(2.0, "N/V")), capacitance=1e-9)
+
+    def test_the_number_that_the_message_asks_for_is_taken(self):
+        assert ph.Resistor(resistance=self.units.Quantity(47, "kohm").m_as("ohm")).resistance == 47e3

@@ -436,11 +436,23 @@ def new(
     return partial(new_command.new, kind, files or [], out)
 
 
+def _catalogue_names(incomplete: str) -> list[str]:
+    """Names of the catalogue that begin so, for the completion of a shell."""
+    from piezoharvest.cli import catalogue_command
+
+    return [name for name in catalogue_command.names() if name.startswith(incomplete)]
+
+
 @app.command()
 def catalogue(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help="Name of a transducer or material.", show_default="all in a table"),
+        typer.Argument(
+            metavar="NAME",
+            help="Name of a transducer, material or part.",
+            show_default="all in a table",
+            autocompletion=_catalogue_names,
+        ),
     ] = None,
     json: AsJson = False,
 ) -> Work:

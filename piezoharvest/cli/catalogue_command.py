@@ -17,6 +17,12 @@ _CONSTANTS = {"d33": "C/N", "d31": "C/N", "s33": "m^2/N", "s11": "m^2/N", "relat
               "density": "kg/m^3"}  # fmt: skip
 
 
+def names() -> tuple[str, ...]:
+    """Names of all transducers, materials and parts."""
+    found = (part for key in bought.SORTS for part in bought.parts(key))
+    return (*catalogue.names(), *catalogue.materials(), *found)
+
+
 def show(name: str | None, *, as_json: bool) -> int:
     """Print all entries in a line each, or one entry with its source and values."""
     if name is None:
@@ -46,7 +52,7 @@ def _one(name: str) -> dict[str, Any]:
     found = {part: key for key in bought.SORTS for part in bought.parts(key)}
     if name in found:
         return _part(found[name], name)
-    raise not_in_catalogue("NAME", name, (*catalogue.names(), *catalogue.materials(), *found))
+    raise not_in_catalogue("NAME", name, names())
 
 
 def _material(name: str) -> dict[str, Any]:

@@ -127,6 +127,10 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     """
     if (value is None and field.default is None) or _is_fine(value, *_limits(field)):
         return
+    if (united := _with_unit(value)) is not None:
+        unit = field.metadata.get("unit", "")
+        told = f"in Python numbers are in SI units; of a pint quantity take m_as({unit!r})"
+        raise ParameterError(field.name, f"found {united} with its unit, must be {allowed(field)}: {told}")
     numbers = np.asarray(value)
     try:
         if numbers.dtype.kind not in "fiuc" or np.any(np.abs(np.imag(numbers)) > COMPLEX_STEP):
@@ -145,6 +149,13 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, must be {allowed(field)}")
     check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
+
+
+def _with_unit(value: Any) -> str | None:
+    """A quantity of pint (or of another library of units) as text, also as one of several; else None."""
+    if isinstance(value, list | tuple):
+        return next((found for each in value if (found := _with_unit(each)) is not None), None)
+    return f"{value!s:.60}" if hasattr(value, "units") or hasattr(value, "unit") else None
 
 
 def _limits(field: dataclasses.Field) -> tuple[float, float]:

@@ -218,6 +218,8 @@ class Transducer(Component, Shown):
             - material, or d31, s11 and relative_permittivity; length, width, thickness (a plate); modal_mass
             - open_circuit_voltage, acceleration, open_circuit_frequency, capacitance, capacitance_is; modal_mass, or
               power and load_resistance
+            - power, acceleration, resonance_frequency, capacitance, capacitance_is; modal_mass; load_resistance if it
+              is not the best
             - resonance_frequency, antiresonance_frequency, capacitance (of the impedance); modal_mass
 
             All in SI units, see `piezoharvest.description.figures`. Further fields of the transducer.

@@ -24,7 +24,7 @@ from piezoharvest.description.shunts.switching import SwitchedCoil, Synchronised
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.design.places import lists_of, split, unit_at, value_at, with_values
+from piezoharvest.design.places import lists_of, owner, split, unit_at, value_at, with_values
 from piezoharvest.engine import simulate
 from piezoharvest.linear import frequency_response
 from piezoharvest.study import SYNTHESISED, DesignOptions
@@ -459,3 +459,21 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
         )
         kept.setdefault((draft.free, fixed), draft)
     return list(kept.values())
+
+
+def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence[str]) -> list[str]:
+    """Sentence on the values of the study's shunts that are tuned, but for those `named` to be; none: no sentence."""
+    kinds: dict[str, list[str]] = {}
+    for draft in drafts:
+        for name in (*draft.free, *draft.late):
+            prefix, own = split(name)
+            part, field_name = owner(draft.shunt, name)[0], own.partition(".")[0]
+            default = part.__dataclass_fields__[field_name].default
+            given = (prefix or draft.shunt in templates) and getattr(part, field_name) not in (None, default)
+            if given and field_name not in named:
+                kinds.setdefault(field_name, []).append(part.kind)
+    if not kinds:
+        return []
+    values = ", ".join(f"{name} of {' and '.join(dict.fromkeys(found))}" for name, found in kinds.items())
+    keys = ", ".join(f'"{name}"' for name in kinds)
+    return [f"tuned, whatever the study's shunts give: {values}; design.hold = [{keys}] keeps given values"]

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.design.added_damping import why_none
 from piezoharvest.design.bound import bound_in_band, bound_of, bound_of_several
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
-from piezoharvest.design.drafts import Draft, Drafting
+from piezoharvest.design.drafts import Draft, Drafting, retuned
 from piezoharvest.design.electrodes import about_places, check_places, front_back, moved, moved_back
 from piezoharvest.design.front import Front, FrontTracer
 from piezoharvest.design.goal import Goal
@@ -127,7 +127,7 @@ class _Design:
         drafts += self._synthesised(drafting)
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
-        self.notes += drafting.unlike
+        self.notes += drafting.unlike + retuned(drafts, study.shunts, options.tune or ())
         for draft in drafts:
             self._place(draft.shunt.taken)
         candidate = self._at_free_frequency if study.free_frequency else self._at_operation

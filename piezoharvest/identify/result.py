@@ -149,10 +149,10 @@ class Identification(Shown):
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The parameters, one a row."""
+        """The parameters, one a row, with the remark of `Estimate.note` (a sign that is the nominal one)."""
         return [
             {"parameter": e.parameter.name, "value": e.value, "std": e.std, "unit": e.parameter.unit,
-             "nominal": e.nominal, "identifiable": e.identifiable}
+             "nominal": e.nominal, "identifiable": e.identifiable, "note": e.note}
             for e in self.estimates
         ]  # fmt: skip
 

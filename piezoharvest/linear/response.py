@@ -13,7 +13,7 @@ from piezoharvest.description.circuit import Product
 from piezoharvest.description.parameters import check_kind
 from piezoharvest.description.system import System
 from piezoharvest.linear.assembly import LinearModel, OperatingPoint, angular, assemble, hysteresis_slope
-from piezoharvest.notebook import Row, Shown, extent, frame, over
+from piezoharvest.notebook import Row, Shown, axes_for, extent, frame, over
 
 # Responses with their units, {} that of the drive.
 _UNITS = {
@@ -73,6 +73,25 @@ class FrequencyResponse(Shown):
             return super().to_frame()
         columns = {name: getattr(self, name) for name in _UNITS}
         return frame({"frequency": self.frequencies, **columns}).set_index("frequency")
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the displacement over the frequency into axes of matplotlib, in a new figure the voltage below it, too.
+
+        Both are magnitudes, on logarithmic scales; of a batch a line for each design.
+
+        Returns
+        -------
+        Axes or list of Axes
+            The axes given, or those of the new figure.
+        """
+        axes = axes_for(ax, 2, sharex=True)
+        drive = "(m/s²)" if self.base else "N"
+        for each, name, unit in zip(axes, ("displacement", "voltage"), ("m", "V"), strict=False):
+            sizes = np.abs(getattr(self, name))
+            each.plot(self.frequencies, sizes.T)
+            each.set(ylabel=f"{name} in {unit}/{drive}", yscale="log" if np.any(sizes) else "linear")
+        axes[-1].set(xlabel="frequency in Hz")
+        return ax if ax is not None else axes
 
     @property
     def efficiency(self) -> np.ndarray:

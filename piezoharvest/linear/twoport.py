@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import OperatingPoint, angular, connect, hysteresis_slope
-from piezoharvest.notebook import Row, Shown, extent, frame, over
+from piezoharvest.notebook import Row, Shown, axes_for, extent, frame, over
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +46,27 @@ class TwoPort(Shown):
         """The complex elements of z over the frequency (Hz) as a `pandas.DataFrame`; raises `ImportError`."""
         columns = {name: values for name, _, values in self._named()}
         return frame({"frequency": self.frequencies, **columns}).set_index("frequency")
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the impedances at the leads over the frequency into axes of matplotlib: free, and with it held.
+
+        In a new figure those at the mechanical port stand below them, with open and shorted leads. All are magnitudes.
+
+        Returns
+        -------
+        Axes or list of Axes
+            The axes given, or those of the new figure.
+        """
+        axes = axes_for(ax, 2, sharex=True)
+        leads = {"free": self.impedance("free"), "clamped": self.impedance("blocked")}
+        ends = {"open": self.mechanical_impedance(), "shorted": self.mechanical_impedance(0.0)}
+        for each, curves, label in zip(axes, (leads, ends), ("v/i in ohm", "F/u in N s/m"), strict=False):
+            for name, values in curves.items():
+                each.plot(self.frequencies, np.abs(values), label=name)
+            each.set(ylabel=label, yscale="log")
+            each.legend()
+        axes[-1].set(xlabel="frequency in Hz")
+        return ax if ax is not None else axes
 
     def _named(self) -> list[tuple[str, str, np.ndarray]]:
         """Name, unit and values of each element of z."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.counting import counted
 from piezoharvest.description import excitation
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
@@ -20,6 +21,7 @@ from piezoharvest.description.paths import quantity_at
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.notebook import Shown
 from piezoharvest.study.building import build, build_excitation, build_list, build_shunt, in_si, unit_of
 from piezoharvest.study.options import FREE, SYNTHESISED, DesignOptions, SweepOptions
 from piezoharvest.study.toml_file import StudyError, check_kind_of_file, read_toml
@@ -35,8 +37,8 @@ _NEEDED = {
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Study:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Study(Shown):
     """One transducer, one excitation and the shunts to compare.
 
     Attributes
@@ -75,9 +77,38 @@ class Study:
             _check_free_frequency(self.excitation, self.design)
 
     @property
+    def heading(self) -> str:
+        """Its title or file, the transducer, the kind of excitation, how many shunts, and what else is to be done."""
+        name = self.transducer.name or "transducer"
+        more = [table for table in ("design", "sweep") if getattr(self, table) is not None]
+        parts = (self.title or str(self.path), name, self.excitation.kind, counted(len(self.shunts), "shunt"), *more)
+        return ", ".join(parts)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The transducer, the excitation and the shunts, one a row, with their values."""
+        found = [{"part": "transducer", "kind": "", "values": self.transducer.heading}]
+        numbers = ((f"shunts.{n}", shunt) for n, shunt in enumerate(self.shunts))
+        for part, component in (("excitation", self.excitation), *numbers):
+            found.append({"part": part, "kind": component.kind, "values": _values(component)})
+        return found
+
+    @property
     def systems(self) -> tuple[System, ...]:
         """The transducer with each of the shunts."""
         return tuple(System(self.transducer, shunt) for shunt in self.shunts)
+
+
+def _values(component: Component) -> str:
+    """The numbers of a component that are not its defaults, with units, in a line; how many where there are several."""
+    found = []
+    for field in dataclasses.fields(component):
+        value = getattr(component, field.name)
+        if "unit" not in field.metadata or value is None or (np.size(value) == 1 and value == field.default):
+            continue
+        number = f"{float(value):.4g}" if np.size(value) == 1 else counted(np.size(value), "value")
+        found.append(f"{field.name} {number} {unit_of(type(component), field)}".rstrip())
+    return ", ".join(found)
 
 
 def _check_free_frequency(driven: Excitation, design: DesignOptions | None) -> None:

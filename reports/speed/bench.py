@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from piezoharvest.output import atomic
-from reports.speed import campaign, gradient, pages, plots, startup, steady, studies, sweep, transient
+from reports.speed import campaign, explorer, gradient, pages, plots, startup, steady, studies, sweep, transient
 from reports.speed.goals import goals
 from reports.speed.timing import machine, once
 
@@ -43,6 +43,7 @@ def measure(
         "scaling": lambda: transient.scaling(plain, extent.runs),
         "steady": lambda: steady.measure(extent.capacitors, extent.repeats),
         "gradient": lambda: gradient.measure(extent.repeats),
+        "explorer": lambda: explorer.measure(extent.repeats),
         "sweep": lambda: sweep.measure(extent.designs, extent.workers),
         "startup": lambda: startup.measure(extent.repeats, extent.fresh),
     }

@@ -34,7 +34,7 @@ def own(section: dict) -> dict:
 def goals(results: dict) -> list[Goal]:
     """All goals of a run."""
     return [*_runs(results), *_steady(results["steady"]), *_sweep(results["sweep"]), *_start(results["startup"]),
-            *_gradient(results["gradient"])]  # fmt: skip
+            *_gradient(results["gradient"]), *_explorer(results["explorer"])]  # fmt: skip
 
 
 def exponent(sizes: list[float], seconds: list[float]) -> float:
@@ -109,3 +109,9 @@ def _start(startup: dict) -> list[Goal]:
 def _gradient(gradient: dict) -> list[Goal]:
     what = "gradient to all parameters, in steady states"
     return [Goal(what, 3.0, "", True, gradient.get("ratio"), gradient.get("skipped", ""))]
+
+
+def _explorer(explorer: dict) -> list[Goal]:
+    slowest = max(explorer["rows"], key=lambda row: row["seconds"])
+    what = "an answer of `explore` with its bound, without the drawing, at most"
+    return [Goal(what, 0.1, "s", True, slowest["seconds"], slowest["title"])]

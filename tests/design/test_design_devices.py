@@ -7,14 +7,14 @@ import pytest
 
 from piezoharvest.description.excitation import SineBase, SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, SeriesRL
+from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, Resistor, SeriesRL
 from piezoharvest.description.shunts.curves.load_curve import LoadCurve
 from piezoharvest.description.shunts.curves.loop_sections import LoopSections
 from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.description.system import System
-from piezoharvest.description.transducer import Mode
+from piezoharvest.description.transducer import Electrode, Mode
 from piezoharvest.design import design
-from piezoharvest.design.drafts import Drafting
+from piezoharvest.design.drafts import Drafting, retuned
 from piezoharvest.design.operation import operation_of
 from piezoharvest.engine import simulate
 from piezoharvest.study import DesignOptions, StudyError, load_study
@@ -121,6 +121,40 @@ def test_held_keys_are_not_tuned(host, run):
     hold = ("load_resistance", "phase_lag")
     held = run(host(0.025, 50), 50.3, shunts=[coil], candidates=("parallel_sshi",), hold=hold).best
     assert held.shunt == coil and held.method == "nothing to tune"
+
+
+class TestWhatIsTunedOfGivenValues:
+    """Nobody who writes 3.3 V expects another dc voltage without a word."""
+
+    SIDE = Rectifier(dc_voltage=3.3)
+    COIL = ParallelSSHI(dc_voltage=3.3, quality=6.0, inductance=0.1, phase_lag=0.3, others=(
+        Resistor(resistance=1e4, electrode=1),
+    ))  # fmt: skip
+
+    def told(self, device, shunts, **options):
+        options = DesignOptions(candidates=("rectifier", "parallel_sshi", "resistor"), **options)
+        drive = SineForce(amplitude=0.02, frequency=50.3)
+        drafts = Drafting(device, shunts, options, operation_of(drive, None, device)).drafts()
+        return retuned(drafts, shunts, options.tune or ())
+
+    def test_is_one_sentence_with_the_keys_to_write(self, host):
+        (told,) = self.told(host(0.025, 50), (self.SIDE,))
+        assert told.startswith("tuned, whatever the study's shunts give: dc_voltage of rectifier; ")
+        assert told.endswith('; design.hold = ["dc_voltage"] keeps given values')
+
+    def test_knows_lags_and_what_is_at_other_electrodes(self, host):
+        device = host(0.025, 50, electrodes=(Electrode(capacitance=40e-9, coupling=1e-3),))
+        (told,) = self.told(device, (self.COIL, self.SIDE))
+        assert "dc_voltage of rectifier and parallel_sshi, phase_lag of parallel_sshi, resistance of resistor;" in told
+        assert 'design.hold = ["dc_voltage", "phase_lag", "resistance"] keeps' in told
+
+    @pytest.mark.parametrize("options", [{"hold": ("dc_voltage",)}, {"tune": ("dc_voltage",)}])
+    def test_says_nothing_of_what_is_held_or_asked_for(self, host, options):
+        assert self.told(host(0.025, 50), (self.SIDE,), **options) == []
+
+    def test_is_among_the_notes(self, host, run):
+        result = run(host(0.025, 50), 50.3, shunts=[Resistor(resistance=1e4)], candidates=("resistor", "short"))
+        assert sum('design.hold = ["resistance"]' in note for note in result.notes) == 1
 
 
 def test_unknown_held_key(run, host, tmp_path):

@@ -34,8 +34,19 @@ from piezoharvest.readers.touchstone import Touchstone
 MODE = Mode(mass=0.02, damping=0.4, stiffness=8e4, coupling=-7e-4)
 PLAIN = Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 TWO = Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9, modes=(MODE,))
+SIX = Transducer(**{**vars(PLAIN), "modes": tuple(
+    Mode(mass=0.01 / n, damping=0.02 * n, stiffness=986.96 * n**3, coupling=(-1) ** n * 1e-3) for n in range(2, 7)
+)})  # fmt: skip
 FREQUENCIES = np.linspace(10.0, 500.0, 40)
 OMEGA = 2 * np.pi * FREQUENCIES
+
+
+def assert_same(found, transducer, accuracy):
+    """All values of the modes within 1e-6, the capacitance within an accuracy."""
+    for wanted, mode in zip(transducer.all_modes, found.all_modes, strict=True):
+        for name in ("mass", "damping", "stiffness", "coupling"):
+            assert getattr(mode, name) == pytest.approx(getattr(wanted, name), rel=1e-6)
+    assert found.capacitance == pytest.approx(transducer.capacitance, rel=accuracy)
 
 
 class TestTransducer:
@@ -48,19 +59,52 @@ class TestTransducer:
         unnamed = scipy.signal.StateSpace(turned.A, turned.B, turned.C[[0, 2]], turned.D[[0, 2]])
         for system in (plant, turned, unnamed):
             found = transducer_from(system)
-            for wanted, mode in zip(transducer.all_modes, found.all_modes, strict=True):
-                for name in ("mass", "damping", "stiffness", "coupling"):
-                    assert getattr(mode, name) == pytest.approx(getattr(wanted, name), rel=1e-6)
-            assert found.capacitance == pytest.approx(40e-9, rel=1e-9)
+            assert_same(found, transducer, 1e-9)
+
+    @pytest.mark.parametrize("transducer", [PLAIN, TWO, SIX])
+    def test_transfer_functions_are_realised(self, transducer):
+        """Those of a state-space model, with a pole at zero in all and its zero in most; and by hand, without names."""
+        plant = linearize(transducer)
+        whole = control.tf(plant)
+        bare = [
+            [control.tf(*(part[row][column] for part in (whole.num, whole.den))) for column in (0, 1)] for row in (0, 2)
+        ]
+        for system in (whole, control.combine_tf(bare)):
+            assert_same(transducer_from(system), transducer, 1e-6)
+
+    def test_transfer_functions_written_by_hand_share_poles(self):
+        """The open-circuit resonance is in all four, the capacitor's pole at zero in two; one has it twice."""
+        short, coupling, capacitance = [PLAIN.mass, PLAIN.damping, PLAIN.stiffness], PLAIN.coupling, PLAIN.capacitance
+        opened = [*short[:2], PLAIN.stiffness + coupling**2 / capacitance]
+        repeated = np.polymul(opened, opened)
+        system = control.tf(
+            [[[1.0], [-coupling / capacitance]], [-coupling / capacitance * np.array(opened), -np.array(short)]],
+            [[opened, [*opened, 0.0]], [repeated, [capacitance * x for x in (*opened, 0.0)]]],
+        )
+        assert_same(transducer_from(system), PLAIN, 1e-6)
+
+    def test_the_velocity_may_be_among_the_outputs(self):
+        plant = linearize(TWO)
+        for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+            assert_same(
+                transducer_from(scipy.signal.StateSpace(plant.A, plant.B, plant.C[order], plant.D[order])), TWO, 1e-6
+            )
 
     @pytest.mark.parametrize(
         ("system", "words"),
         [
-            (control.ss(-1, 1, -1, 0), "must be force and current"),
+            (control.ss(-1, 1, -1, 0), r"found 1 input \(u\[0\]\), must be force and current by name"),
+            (
+                scipy.signal.StateSpace(-np.eye(3), np.eye(3)[:, :2], 2 * np.eye(3), np.zeros((3, 2))),
+                "found 3 outputs, must be displacement and voltage by name, or .*, with or without the velocity",
+            ),
             (control.ss(np.diag([-1.0, -2]), np.eye(2), np.eye(2), np.zeros((2, 2))), "no voltage that falls"),
             (control.ss(-np.eye(2), np.eye(2), np.eye(2), np.eye(2)), "feedthrough"),
             (control.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)), 0.1), "continuous time"),
-            (control.tf([1], [1, 1]), "must be a StateSpace"),
+            (np.eye(2), "must be a StateSpace of .* or a control.TransferFunction"),
+            (control.tf([1], [1, 1]), "found 1 input"),
+            (control.tf([[[1, 0, 0], [1]], [[1], [1]]], [[[1, 1]] * 2] * 2), "found more zeros than poles"),
+            (control.tf([[[1], [1]], [[1], [1]]], [[[1, 2, 1]] * 2] * 2), "found a multiple pole"),
             (linearize(Transducer(**{**vars(PLAIN), "effects": (Leakage(resistance=1e6),)})), "no transducer"),
             (linearize(Transducer(**{**vars(PLAIN), "damping": 100.0})), "no resonance"),
         ],

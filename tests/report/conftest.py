@@ -28,6 +28,23 @@ MEASURE = """<script>addEventListener("load", () => {
   document.body.dataset.measured = found;
   parent.postMessage(found, "*");
 });</script></body>"""
+# The same by the rules for print: rows that may be cut or are higher than a sheet, what is hidden or off the paper.
+PRINTED = """<script>addEventListener("load", () => {
+  const named = elements => elements.map(element => element.outerHTML.slice(0, 80));
+  const box = element => element.getBoundingClientRect();
+  const rows = [...document.querySelectorAll("tr")], entries = [...document.querySelectorAll("details > *, td, th")];
+  const cut = rows.filter(row => getComputedStyle(row).breakInside !== "avoid" || box(row).height > SHEET);
+  const heads = [...document.querySelectorAll("thead")];
+  const lost = heads.filter(head => getComputedStyle(head).display !== "table-header-group");
+  const hidden = entries.filter(entry => entry.textContent.trim() && !(entry.checkVisibility() && box(entry).height));
+  const off = entries.filter(entry => box(entry).right > innerWidth + 1);
+  const closed = document.querySelectorAll("details:not([open])").length;
+  const found = JSON.stringify({rows: rows.length, closed, cut: named(cut), lost: named(lost), hidden: named(hidden),
+                                off: named(off)});
+  document.body.dataset.measured = found;
+  parent.postMessage(found, "*");
+});</script></body>""".replace("SHEET", "1017")  # 269 mm between the margins of A4, in CSS pixels
+PAPER = 703  # 186 mm between them
 # The page in a frame of any width: windows of chromium are at least 500 pixels wide.
 FRAME = """<body><iframe src="measured.html" style="border: 0" width="{width}" height="2000"></iframe><script>
 addEventListener("message", event => {{ document.body.dataset.measured = event.data; }});</script></body>"""
@@ -58,11 +75,16 @@ def browse(tmp_path_factory):
 
 @pytest.fixture
 def measured(browse, tmp_path):
-    """Function that gives what a script in a copy of the page has measured, at a width of the window in pixels."""
+    """Function that gives what a script in a copy of the page has measured, at a width of the window in pixels.
 
-    def measure(page, width=1200):
-        copy = tmp_path / "measured.html"
-        copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE), encoding="utf-8")
+    With `printed` by the rules for print, as wide as A4 between its margins.
+    """
+
+    def measure(page, width=1200, *, printed=False):
+        copy, text = tmp_path / "measured.html", page.read_text(encoding="utf-8")
+        if printed:
+            text, width = text.replace("@media print", "@media all"), PAPER
+        copy.write_text(text.replace("</body>", PRINTED if printed else MEASURE), encoding="utf-8")
         frame = tmp_path / "frame.html"
         frame.write_text(FRAME.format(width=width), encoding="utf-8")
         dom = browse(frame, "--window-size=1400,2000", "--dump-dom")

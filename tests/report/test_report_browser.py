@@ -74,6 +74,26 @@ def test_prints(browse, tmp_path):
     assert 3 <= pages <= 14
 
 
+def test_on_paper_no_row_is_cut_and_no_section_hidden(measured):
+    found = measured(report("step"), printed=True)
+    assert found["rows"] > 10 and found["closed"] >= 2  # which are open on paper
+    assert {name: found[name] for name in ("cut", "lost", "hidden", "off")} == {
+        "cut": [], "lost": [], "hidden": [], "off": [],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rule", "told"),
+    [("tr, .scroll:not(:has(tr:nth-child(16))) { break-inside: avoid; }", "cut"),
+     ("details::details-content { content-visibility: visible; display: block; }", "hidden")],
+)  # fmt: skip
+def test_the_test_of_paper_sees_what_is_wrong(measured, tmp_path, rule, told):
+    text = report("step").read_text(encoding="utf-8")
+    assert rule in text
+    (tmp_path / "wrong.html").write_text(text.replace(rule, ""), encoding="utf-8")
+    assert measured(tmp_path / "wrong.html", printed=True)[told]
+
+
 # The pointer is moved to the middle one of the three points of each line.
 POINT = """<script>document.body.dataset.read = [...document.querySelectorAll('[id*="axes_"] > [id*="line2d_"] > path')]
   .map(path => {

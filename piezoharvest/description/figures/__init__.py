@@ -14,6 +14,7 @@ from piezoharvest.description.figures.impedance import Impedance
 from piezoharvest.description.figures.modal import Modal
 from piezoharvest.description.figures.open_circuit import OpenCircuit
 from piezoharvest.description.figures.plate import Plate
+from piezoharvest.description.figures.power import HarvestedPower
 from piezoharvest.description.figures.stack import Stack
 from piezoharvest.description.parameters import ParameterError, check_choice
 
@@ -26,11 +27,12 @@ DATA_SHEETS: dict[str, type[Figures]] = {
     "open_circuit_voltage": OpenCircuit,
     "antiresonance_frequency": Impedance,
     "coupling_factor": CouplingFactor,
+    "power": HarvestedPower,
 }
 
 __all__ = [
-    "DATA_SHEETS", "BlockedForce", "CouplingFactor", "Figures", "Impedance", "Lumped", "Modal", "OpenCircuit", "Plate",
-    "Stack", "data_sheet", "data_sheet_keys",
+    "DATA_SHEETS", "BlockedForce", "CouplingFactor", "Figures", "HarvestedPower", "Impedance", "Lumped", "Modal",
+    "OpenCircuit", "Plate", "Stack", "data_sheet", "data_sheet_keys",
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A transducer from the data sheet of a vibration harvester: voltage or power at a base acceleration."""
+"""A transducer from the data sheet of a vibration harvester: open-circuit voltage at a base acceleration."""
 
 from __future__ import annotations
 
