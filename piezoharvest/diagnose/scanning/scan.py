@@ -18,7 +18,7 @@ from piezoharvest.predict.prediction import PredictionError
 HALVINGS = 12  # of a step between two values that differ: the end of an interval is known to 1/4000 of it
 MAX_SCANS = 6  # of the values, each with a fit after it
 FACTORS = np.geomspace(0.5, 2.0, 25)  # on a value, that are tried
-BESIDE = (1.0 - 1e-3, 1.0 + 1e-3)  # the same on the ends of an interval, for the next values with other events
+BESIDE = 1e-3  # share of the end of an interval by which the next values with other events lie beyond it
 STEPS = 24  # from a value outwards, the first of FIRST of it, each half as large again
 FIRST, GROWTH = 1e-3, 1.5
 
@@ -55,20 +55,31 @@ class Scan:
         return sum(float(each.squares.sum()) for each in sums)
 
     def best(self) -> float:
-        """The value with the lowest cost of those about the present one, and of the next ones with other events."""
-        beside = (end * factor for end, factor in zip(self.interval(), BESIDE, strict=True) if np.isfinite(end))
-        values = [self.value, *(self.value * FACTORS), *beside]
+        """The value with the lowest cost of those about the present one, or if none is lower of those beside its piece.
+
+        The ends of the interval with the same events are looked for last: that takes the longest.
+        """
+        here = self.cost_at(self.value)
+        about = self._lowest(here, self.value * FACTORS)
+        if about is not None:
+            return about
+        low, high = self._end(here, -1.0, 0.5 * BESIDE), self._end(here, 1.0, 0.5 * BESIDE)
+        beside = np.array([low * (1.0 - BESIDE), high * (1.0 + BESIDE)])
+        return self._lowest(here, beside[np.isfinite(beside)]) or self.value
+
+    def _lowest(self, here: float, values: np.ndarray) -> float | None:
+        """Of some values that with the lowest cost; None if that is not below the present one."""
         costs = [self.cost_at(value) for value in values]
         k = int(np.argmin(costs))
-        return self.value if costs[k] > costs[0] - thresholds.MIN_IMPROVEMENT else float(values[k])
+        return float(values[k]) if costs[k] < here - thresholds.MIN_IMPROVEMENT else None
 
     def interval(self) -> tuple[float, float]:
         """Lowest and highest value with the same events as now; infinite where no larger one changes any."""
         here = self.cost_at(self.value)
         return self._end(here, -1.0), self._end(here, 1.0)
 
-    def _end(self, here: float, direction: float) -> float:
-        """End of the interval on one side: outwards until the cost is another, then by bisection."""
+    def _end(self, here: float, direction: float, share: float = 0.0) -> float:
+        """End of the interval on one side: outwards until the cost is another, then by bisection to a share of it."""
         inside, step = self.value, FIRST * self.value
         for _ in range(STEPS):
             outside = max(inside + direction * step, 0.0)
@@ -80,6 +91,8 @@ class Scan:
         else:
             return np.inf
         for _ in range(HALVINGS):
+            if abs(outside - inside) < share * inside:
+                break
             middle = 0.5 * (inside + outside)
             inside, outside = (middle, outside) if self._same(here, middle) else (inside, middle)
         return inside

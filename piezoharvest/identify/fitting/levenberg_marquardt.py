@@ -21,6 +21,7 @@ from piezoharvest.progress import Iteration
 
 MAX_ITERATIONS = 60  # most iterations
 NOT_CONVERGED = "too many iterations"  # message of a descent that has not converged
+GIVEN_UP = "given up: it would not become as good as other fits"
 ROUGH_TOLERANCE = 1e-3  # of the cost: predicted decrease at which a rough descent ends
 RELATIVE_TOLERANCE = 1e-5  # the same for any other, relative to the cost above that of noise
 MAX_SMALL_DECREASES = 2  # iterations in a row with a decrease below the limit, after which the descent ends
@@ -219,7 +220,7 @@ class _Descent:
                 return False
         self.costs.append(self.here.cost)
         if self.here.cost - EXTRAPOLATED_ITERATIONS * _expected_decrease(self.costs, self.predictions) > self.aim:
-            self._end("given up: it would not become as good as other fits", False)
+            self._end(GIVEN_UP, False)
         return better
 
     def _end(self, message: str, converged: bool) -> None:

@@ -32,7 +32,7 @@ from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.visited import inputs_of_records
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.diagnose.selection.start_values import campaign_scales
-from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP, Fit
 from piezoharvest.identify.fitting.output_error import excess_of, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.prediction import PredictionError
@@ -60,6 +60,9 @@ def functions_of_memories(
 ) -> list[LawFit]:
     """Full fits of tables of what memories make of the input, at the likeliest places of the laws that were fitted.
 
+    A fit that will not come as close as the likeliest table so far is abandoned: a table of what a memory makes of the
+    input can be that of the input, and has more to adapt.
+
     Parameters
     ----------
     problem : Problem
@@ -70,13 +73,14 @@ def functions_of_memories(
     progress : callable
     """
     found: list[LawFit] = []
+    aim = min(each.evidence for each in done) + thresholds.CLOSE_COST
     for here in _at_places(done)[: 1 if problem.needs_engine else PLACES]:
         bare = without_law(problem, here)
         for each in _starts_of_fits(problem, bare, here):
             memory = each.law.memory
             assert memory is not None
-            again = fitted(problem, bare, each.law, each.visited, each.smoothness.deviation)
-            if again is None or again.memory_at_its_end:
+            again = fitted(problem, bare, each.law, each.visited, each.smoothness.deviation, aim)
+            if again is None or again.memory_at_its_end or again.found.message == GIVEN_UP:
                 continue
             change = again.found.cost - start.cost
             what = "a lagging function" if isinstance(memory, LaggingFunction) else f"a function of a {memory.kind}"
