@@ -128,6 +128,8 @@ FILES = {
     "shaker.csv": ("t,acc,tip_um,U\n0,1,1,2\n0.001,2,3,4\n0.002,1,2,2\n",
                    ['base_acceleration = { column = "acc" }', 'displacement = { column = "tip_um" }    # um',
                     'drive = "base_acceleration"', "taken for that of the base"]),
+    "mso5000.csv": ("CH1V,CH2A,t0 =-2.5e-03, tInc = 5.0e-04,\n1,2,,\n2,3,,\n1,2,,\n",
+                    ['voltage = { column = "CH1V" }    # V', 'current = { column = "CH2A" }    # A', "at 2000 Hz"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

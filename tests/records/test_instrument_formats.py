@@ -147,6 +147,34 @@ class TestOscilloscopes:
         with open_reader(tmp_path / "run.csv", skip_rows=12) as reader:
             np.testing.assert_allclose(reader.time_of("2"), -1.2e-3 + 2e-6 * np.arange(10, COUNT), rtol=1e-12)
 
+    def rigol_rows(self, path):
+        """As an MSO5000 or a DHO800 writes it: the line of names has the times, above empty cells."""
+        rows = "".join(f"{f:.6e},{v:.6e},,\n" for f, v in zip(FORCE, VOLTAGE, strict=True))
+        path.write_text(f"CH1V,CH2A,t0 =-2.500000e-03, tInc = 5.000000e-09,\n{rows}")
+
+    @pytest.mark.parametrize("skipped", [0, 11])
+    def test_rigol_with_its_times_in_the_line_of_names(self, tmp_path, skipped):
+        self.rigol_rows(tmp_path / "run.csv")
+        sources = 'channels = { force = { column = 1, gain = 1.0 }, current = { column = 2, gain = 1e-3 } }'
+        skip = f"skip_rows = {skipped}\n" if skipped else ""
+        record = campaign(tmp_path, f'file = "run.csv"\n{skip}{sources}').records[0]
+        first = max(skipped - 1, 0)
+        np.testing.assert_allclose(record["time"], -2.5e-3 + 5e-9 * np.arange(first, COUNT), rtol=1e-12)
+        np.testing.assert_allclose(record["force"], FORCE[first:], rtol=1e-12)
+        np.testing.assert_allclose(record["current"], 1e-3 * VOLTAGE[first:], rtol=1e-6)
+
+    def test_rigol_states_the_unit_at_the_end_of_a_name(self, tmp_path):
+        self.rigol_rows(tmp_path / "run.csv")
+        with open_reader(tmp_path / "run.csv") as reader:
+            assert [reader.unit(name).si for name in ("CH1V", "CH2A")] == ["V", "A"]
+
+    @pytest.mark.parametrize("stated", ["t0 =, tInc = 5e-9", "t0 =nan, tInc = 5e-9", "t0 =0.0, tInc = 0.0,"])
+    def test_rigol_with_unusable_times_has_none(self, tmp_path, stated):
+        rows = "".join(f"{f},{v},,\n" for f, v in zip(FORCE, VOLTAGE, strict=True))
+        (tmp_path / "run.csv").write_text(f"CH1V,CH2V,{stated}\n{rows}")
+        with open_reader(tmp_path / "run.csv") as reader:
+            assert (reader.time_of("CH1V"), reader.step_error) == (None, 0.0)
+
     @pytest.mark.parametrize("mark", ["\u221e", "-\u221e", "Infinity"])
     def test_picoscope_over_its_range(self, tmp_path, mark):
         """The sample is infinite, which the checks of a record report with its row."""
