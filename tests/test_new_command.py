@@ -130,6 +130,8 @@ FILES = {
                     'drive = "base_acceleration"', "taken for that of the base"]),
     "mso5000.csv": ("CH1V,CH2A,t0 =-2.5e-03, tInc = 5.0e-04,\n1,2,,\n2,3,,\n1,2,,\n",
                     ['voltage = { column = "CH1V" }    # V', 'current = { column = "CH2A" }    # A', "at 2000 Hz"]),
+    "ds1000e.csv": ("X,CH1,\nSecond,Volt,\n-1.0e-03,1,\n-5.0e-04,2,\n0,1,\n",
+                    ['time = { column = "X" }', 'voltage = { column = "CH1" }    # Volt', "at 2000 Hz"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

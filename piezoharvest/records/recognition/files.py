@@ -252,6 +252,8 @@ def _named_like(name: str, unit: Unit | None) -> str | None:
     parts = (name, last_part(name), name.rsplit(".", 1)[-1])
     bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
     channel = _channel_of(*bare, name.lower())
+    if channel in _MOTIONS and unit is not None and unit.firm and unit.si == UNITS["time"]:
+        return None  # "X" of an oscilloscope
     if channel in _MOTIONS and unit is not None:
         return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
     return channel
