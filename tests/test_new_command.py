@@ -132,6 +132,8 @@ FILES = {
                     ['voltage = { column = "CH1V" }    # V', 'current = { column = "CH2A" }    # A', "at 2000 Hz"]),
     "ds1000e.csv": ("X,CH1,\nSecond,Volt,\n-1.0e-03,1,\n-5.0e-04,2,\n0,1,\n",
                     ['time = { column = "X" }', 'voltage = { column = "CH1" }    # Volt', "at 2000 Hz"]),
+    "tds.csv": ("Record Length,3.0e+00,,  -0.000500,0.04000,\nSource,CH1,,0,1,\nVertical Units,V,,0.0005,2,\n",
+                ['time = { column = "Time" }', 'voltage = { column = "CH1" }    # V', "at 2000 Hz"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

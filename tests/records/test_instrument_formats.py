@@ -155,7 +155,7 @@ class TestOscilloscopes:
     @pytest.mark.parametrize("skipped", [0, 11])
     def test_rigol_with_its_times_in_the_line_of_names(self, tmp_path, skipped):
         self.rigol_rows(tmp_path / "run.csv")
-        sources = 'channels = { force = { column = 1, gain = 1.0 }, current = { column = 2, gain = 1e-3 } }'
+        sources = "channels = { force = { column = 1, gain = 1.0 }, current = { column = 2, gain = 1e-3 } }"
         skip = f"skip_rows = {skipped}\n" if skipped else ""
         record = campaign(tmp_path, f'file = "run.csv"\n{skip}{sources}').records[0]
         first = max(skipped - 1, 0)
@@ -186,17 +186,41 @@ class TestOscilloscopes:
         assert np.isinf(values[7]) and np.sign(values[7]) == (-1 if mark[0] == "-" else 1)
         assert np.isfinite(np.delete(values, 7)).all()
 
-    def test_tektronix_with_settings_beside_the_samples(self, tmp_path):
+    def tektronix(self, path, values=FORCE):
         """As a TDS2000 writes it: the first rows have the settings in three further columns on the left."""
-        settings = ["Record Length,40,", "Sample Interval,2e-06,", "Trigger Point,20,", ",,", ",,", "Source,CH1,"]
-        settings += ["Vertical Units,V,", "Vertical Scale,1.0,", *[",,"] * (COUNT - 8)]
-        samples = [f"{n * 2e-6 - 4e-5:018.12f},  {value:.5f}," for n, value in enumerate(FORCE)]
+        settings = ["Record Length,4.0e+01,", "Sample Interval,2e-06,", "Trigger Point,20,", ",,", ",,", "Source,CH1,"]
+        settings += ["Vertical Units,V,", "Vertical Scale,1.0,", "Horizontal Units,s,", *[",,"] * (COUNT - 9)]
+        samples = [f"{n * 2e-6 - 4e-5:018.12f},  {value:.5f}," for n, value in enumerate(values)]
         rows = [f"{left},{right}" for left, right in zip(settings, samples, strict=True)]
-        (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
+        path.write_text("\n".join(rows) + "\n")
+
+    def test_tektronix_with_settings_beside_the_samples(self, tmp_path):
+        self.tektronix(tmp_path / "run.csv")
         with open_reader(tmp_path / "run.csv") as reader:
-            time, values = (reader.read([reader.resolve(n)])[reader.resolve(n)] for n in (4, 5))
+            names = [reader.resolve(n) for n in (4, 5)]
+            assert [(name, reader.unit(name).si) for name in names] == [("Time", "s"), ("CH1", "V")]
+            time, values = (reader.read([name])[name] for name in ("Time", "CH1"))
         np.testing.assert_allclose(values, FORCE.round(5), atol=1e-12)
         np.testing.assert_allclose(time, np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
+
+    def test_tektronix_needs_no_channel_for_its_times(self, tmp_path):
+        self.tektronix(tmp_path / "run.csv")
+        self.tektronix(tmp_path / "force.csv")
+        self.tektronix(tmp_path / "other.csv", FORCE**2)  # it writes a file for each of its channels
+        sources = 'channels = { force = { column = 5, gain = 2.0 }, voltage = { file = "other.csv", column = "CH1" } }'
+        record = campaign(tmp_path, f'file = "force.csv"\n{sources}').records[0]
+        np.testing.assert_allclose(record["time"], np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
+        np.testing.assert_allclose(record["force"], 2.0 * FORCE.round(5), atol=1e-12)
+        np.testing.assert_allclose(record["voltage"], (FORCE**2).round(5), atol=1e-12)
+
+    def test_tektronix_cut_off_or_begun_later(self, tmp_path):
+        self.tektronix(tmp_path / "run.csv")
+        with open_reader(tmp_path / "run.csv", skip_rows=12) as reader:
+            assert (len(reader.read(["CH1"])["CH1"]), reader.cut_off) == (COUNT - 12, "")
+        (tmp_path / "run.csv").write_text("".join((tmp_path / "run.csv").read_text().splitlines(True)[:30]))
+        with open_reader(tmp_path / "run.csv") as reader:
+            reader.read(["CH1"])
+            assert reader.cut_off == "found 30 samples, but the header of the file promises 40"
 
 
 class TestWav:
