@@ -134,6 +134,10 @@ FILES = {
                     ['time = { column = "X" }', 'voltage = { column = "CH1" }    # Volt', "at 2000 Hz"]),
     "tds.csv": ("Record Length,3.0e+00,,  -0.000500,0.04000,\nSource,CH1,,0,1,\nVertical Units,V,,0.0005,2,\n",
                 ['time = { column = "Time" }', 'voltage = { column = "CH1" }    # V', "at 2000 Hz"]),
+    "bode_de.csv": ("Frequenz (Hz);Trace 1: Impedanz: Betrag (\u03a9);Trace 2: Impedanz: Phase (\u00b0)\n"
+                    "1;2,5;3\n2;3;4\n3;4;5\n", ['kind = "impedance"']),
+    "gain_de.csv": ("Frequenz (Hz);Trace 1: Verst\u00e4rkung: Betrag (dB);Trace 1: Verst\u00e4rkung: Phase (\u00b0)\n"
+                    "1;2,5;3\n2;3;4\n3;4;5\n", ['magnitude = { column = "Trace 1: Verst\u00e4rkung: Betrag (dB)"']),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

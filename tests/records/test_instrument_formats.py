@@ -442,15 +442,28 @@ class TestImpedances:
         record = self.same(tmp_path, "run.txt", text, rtol=1e-7, channels=channels)
         assert text.splitlines()[record.first_row - 1].startswith("1.00000000e+03")
 
+    def bode_100(self, names, quantity, decimal="."):
+        """Table of the Bode Analyzer Suite: a frequency, real and imaginary part, magnitude and phase."""
+        value = self.OHM if quantity.startswith("Imp") else 1 / self.OHM
+        columns = self.FREQUENCY, value.real, value.imag, np.abs(value), np.angle(value, deg=True)
+        rows = [";".join(f"{x:.17g}".replace(".", decimal) for x in row) for row in zip(*columns, strict=True)]
+        header = ";".join(f'"{name}"' if ": " in name else name for name in names)
+        return "\n".join([header, *rows]) + "\n"
+
     def test_bode_100(self, tmp_path):
         """Header of the Bode Analyzer Suite: all forms of the trace, the units in the names."""
-        values = self.OHM.real, self.OHM.imag, np.abs(self.OHM), np.angle(self.OHM, deg=True)
         parts = "1: Real (Ω)", "1: Imaginary (Ω)", "1: Magnitude (Ω)", "2: Phase (°)"
-        names = [f"Trace {part.replace(': ', ': Impedance: ')}" for part in parts]
-        columns = dict(zip(names, values, strict=True))
-        rows = [";".join(f"{x:.17g}" for x in row) for row in zip(self.FREQUENCY, *columns.values(), strict=True)]
-        names = ";".join(["Frequency (Hz)", *(f'"{name}"' for name in columns)])
-        self.same(tmp_path, "run.csv", "\n".join([names, *rows]) + "\n", rtol=1e-12, encoding="utf-8-sig")
+        names = ["Frequency (Hz)", *(f"Trace {part.replace(': ', ': Impedance: ')}" for part in parts)]
+        self.same(tmp_path, "run.csv", self.bode_100(names, "Impedance"), rtol=1e-12, encoding="utf-8-sig")
+
+    @pytest.mark.parametrize(("quantity", "unit"), [("Impedanz", "Ω"), ("Admittanz", "S")])
+    @pytest.mark.parametrize("forms", [(1, 2), (3, 4)])
+    def test_bode_100_in_german(self, tmp_path, quantity, unit, forms):
+        parts = f"1: Realteil ({unit})", f"1: Imaginärteil ({unit})", f"1: Betrag ({unit})", "2: Phase (°)"
+        names = ["Frequenz (Hz)", *(f"Trace {part.replace(': ', f': {quantity}: ')}" for part in parts)]
+        names = [name if n in (0, *forms) else f"other {n}" for n, name in enumerate(names)]
+        text = self.bode_100(names, quantity, ",")
+        self.same(tmp_path, "run.csv", text, rtol=1e-12, encoding="utf-8-sig")
 
     def test_lcr_meter_with_units_in_brackets(self, tmp_path):
         angle = np.angle(self.OHM, deg=True)
