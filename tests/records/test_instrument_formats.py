@@ -14,6 +14,7 @@ from scipy.io import wavfile
 from piezoharvest.readers import ReadError, open_reader
 from piezoharvest.records import CampaignError, load_campaign
 from piezoharvest.records.reading.time_record import named_time
+from piezoharvest.records.recognition.files import look_into
 
 COUNT = 40
 RATE = 51200.0
@@ -204,7 +205,6 @@ class TestOscilloscopes:
         np.testing.assert_allclose(time, np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
 
     def test_tektronix_needs_no_channel_for_its_times(self, tmp_path):
-        self.tektronix(tmp_path / "run.csv")
         self.tektronix(tmp_path / "force.csv")
         self.tektronix(tmp_path / "other.csv", FORCE**2)  # it writes a file for each of its channels
         sources = 'channels = { force = { column = 5, gain = 2.0 }, voltage = { file = "other.csv", column = "CH1" } }'
@@ -428,15 +428,42 @@ class TestImpedances:
         cartesian = {"Z-Real(Ohm)-data": self.OHM.real, "Z-Imag(Ohm)-data": self.OHM.imag}
         self.same(tmp_path, "cartesian.csv", head + self.e4990a(cartesian), rtol=1e-9)
 
+    def agilent_4294a(self, **shown):
+        """A file of traces by what they show: each is a table below the one before it."""
+        text = '"4294A REV1.11"\n""\n"SWEEP TYPE: LIN FREQ"\n"NUMBER of POINTS: 40"\n"OSC LEVEL: 500 [mV]"\n\n'
+        for title, (form, values) in shown.items():
+            points = zip(self.FREQUENCY, np.real(values), np.imag(values), strict=True)
+            rows = "".join(f"{f:.8e}\t{a:.8e}\t{b:.8e}\n" for f, a, b in points)
+            text += f'"TRACE: {title}"\n"FORMAT: {form}"\n\n"Frequency"\t"Real"\t"Imag"\n{rows}\n'
+        return text
+
+    @pytest.mark.parametrize(
+        "names", ["|Z| Theta", "|Y| THETA", "R X", "G B", "Cp D", "Cs Rs", "Lp Q", "Ls Rs", "Cp Rp", "Z", "Y"]
+    )
+    def test_agilent_4294a_says_what_it_shows(self, tmp_path, names):
+        z, y, pairs = self.OHM, 1 / self.OHM, {name.partition("(")[0]: x for name, x in self.pairs().items()}
+        angle = np.angle(y if "Y" in names else z, deg=True)
+        known = pairs | {"|Z|": np.abs(z), "Theta": angle, "THETA": angle, "Z": z, "Y": y}
+        if names.startswith("L"):  # of a coil, whose reactance has the other sign
+            known["Q"] = -known["Q"]
+        traces = zip("AB", names.split(), strict=False)
+        text = self.agilent_4294a(**{title: (name, known[name]) for title, name in traces})
+        self.same(tmp_path, "run.txt", text, rtol=1e-6)
+        found = look_into(tmp_path / "run.txt")
+        assert (found.kind, found.columns, found.count) == ("impedance", {}, COUNT)
+
+    @pytest.mark.parametrize(("form", "angle"), [("LOG Y", 57.3), ("Theta", 1.0)])
+    def test_agilent_4294a_whose_traces_are_not_certain(self, tmp_path, form, angle):
+        """A phase in radians may be one in degrees; the record has to name the columns."""
+        text = self.agilent_4294a(A=("|Z|", np.abs(self.OHM)), B=(form, angle * np.angle(self.OHM)))
+        (tmp_path / "run.txt").write_text(text)
+        assert look_into(tmp_path / "run.txt").kind == "impedance"
+        with pytest.raises(CampaignError, match="names in the record's channels"):
+            campaign_of_impedance(tmp_path, 'file = "run.txt"')
+
     def test_agilent_4294a(self, tmp_path):
         """|Z| stands in the table of trace A, the phase in that of trace B below it."""
-
-        def trace(title, form, values):
-            rows = "".join(f"{f:.8e}\t{v:.8e}\t{0:.8e}\n" for f, v in zip(self.FREQUENCY, values, strict=True))
-            return f'"TRACE: {title}"\n"FORMAT: {form}"\n\n"Frequency"\t"Real"\t"Imag"\n{rows}\n'
-
-        head = '"4294A REV1.11"\n""\n"SWEEP TYPE: LIN FREQ"\n"NUMBER of POINTS: 40"\n"OSC LEVEL: 500 [mV]"\n\n'
-        text = head + trace("A", "|Z|", np.abs(self.OHM)) + trace("B", "Theta", np.angle(self.OHM, deg=True))
+        text = self.agilent_4294a(A=("|Z|", np.abs(self.OHM)), B=("Theta", np.angle(self.OHM, deg=True)))
         channels = """channels = { frequency = { column = "Frequency" }, magnitude = { column = "A Real" },
             phase = { column = "B Real", unit = "deg" } }""".replace("\n", "")
         record = self.same(tmp_path, "run.txt", text, rtol=1e-7, channels=channels)

@@ -142,7 +142,7 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     # Names of other quantities, as g, b and y, may also be those of a channel.
     telling = ("real", "magnitude", *(part for part, quantity in QUANTITIES.items() if quantity.unit in ("F", "H")))
     named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "conductance", "admittance", *telling)}
-    if named & set(reader.names) or any(known_column(reader, part) for part in telling):
+    if reader.measures or named & set(reader.names) or any(known_column(reader, part) for part in telling):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
     parts = {part: known_column(reader, part, "frf") for part in RESPONSE_COLUMNS["frf"]}
