@@ -128,6 +128,16 @@ FILES = {
     "shaker.csv": ("t,acc,tip_um,U\n0,1,1,2\n0.001,2,3,4\n0.002,1,2,2\n",
                    ['base_acceleration = { column = "acc" }', 'displacement = { column = "tip_um" }    # um',
                     'drive = "base_acceleration"', "taken for that of the base"]),
+    "mso5000.csv": ("CH1V,CH2A,t0 =-2.5e-03, tInc = 5.0e-04,\n1,2,,\n2,3,,\n1,2,,\n",
+                    ['voltage = { column = "CH1V" }    # V', 'current = { column = "CH2A" }    # A', "at 2000 Hz"]),
+    "ds1000e.csv": ("X,CH1,\nSecond,Volt,\n-1.0e-03,1,\n-5.0e-04,2,\n0,1,\n",
+                    ['time = { column = "X" }', 'voltage = { column = "CH1" }    # Volt', "at 2000 Hz"]),
+    "tds.csv": ("Record Length,3.0e+00,,  -0.000500,0.04000,\nSource,CH1,,0,1,\nVertical Units,V,,0.0005,2,\n",
+                ['time = { column = "Time" }', 'voltage = { column = "CH1" }    # V', "at 2000 Hz"]),
+    "bode_de.csv": ("Frequenz (Hz);Trace 1: Impedanz: Betrag (\u03a9);Trace 2: Impedanz: Phase (\u00b0)\n"
+                    "1;2,5;3\n2;3;4\n3;4;5\n", ['kind = "impedance"']),
+    "gain_de.csv": ("Frequenz (Hz);Trace 1: Verst\u00e4rkung: Betrag (dB);Trace 1: Verst\u00e4rkung: Phase (\u00b0)\n"
+                    "1;2,5;3\n2;3;4\n3;4;5\n", ['magnitude = { column = "Trace 1: Verst\u00e4rkung: Betrag (dB)"']),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

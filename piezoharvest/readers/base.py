@@ -78,6 +78,8 @@ class Reader(ABC):
         Largest allowed file size.
     channels : mapping of str to str
         Channels that columns of the format hold, by their names in lower case, where these are always the same.
+    measures : str
+        "impedance" if files of the format hold nothing else; empty if they may hold anything.
     whole, part : str
         What messages call the data and one of its columns.
 
@@ -100,6 +102,7 @@ class Reader(ABC):
     extra: ClassVar[str] = ""
     most_bytes: ClassVar[int] = 1 << 62
     channels: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    measures: ClassVar[str] = ""
     whole: str = "the file"
     part: str = "column"
 

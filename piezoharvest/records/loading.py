@@ -18,7 +18,7 @@ from piezoharvest.readers import Reader
 from piezoharvest.readers.base import MAX_NUMBERS
 from piezoharvest.records import campaign as plain
 from piezoharvest.records.bench_limits import BenchLimits
-from piezoharvest.records.checks import check
+from piezoharvest.records.checks import check, overlaps
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.entries import (
@@ -236,7 +236,11 @@ def campaign_of(
     # A channel may be missing in some records; one that [channels] names and no record has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
-    found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
+    late = overlaps(records)
+    found = (
+        tuple((*some, *_checked(record, transducer), *(f for at, f in late if at is record)))
+        for record, some in zip(records, absent, strict=True)
+    )
     limits = build(BenchLimits, table.get("experiment", {}), "experiment")
     campaign = Campaign(title, path, transducer, records, tuple(found), unknown, limits)
     if "mass" in unknown and campaign.drives_base:

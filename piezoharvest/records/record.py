@@ -38,6 +38,8 @@ class Signal:
         Keys in [channels] with which the values have the other sign, as text.
     factor : float
         SI value of one of the unit in which they were taken to be.
+    gain : float or None
+        The gain that the campaign states, in the SI unit per raw unit.
     """
 
     values: np.ndarray
@@ -47,6 +49,7 @@ class Signal:
     first_row: int | np.ndarray
     reverse: str = "gain = -1"
     factor: float = 1.0
+    gain: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

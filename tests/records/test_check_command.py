@@ -88,3 +88,33 @@ def test_what_cannot_be_read_is_one_sentence(campaign, capsys):
     (campaign.parent / "a.csv").unlink()
     assert main(["check", str(campaign)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_values_of_the_load_and_of_the_channels_are_told(campaign, capsys):
+    text = CAMPAIGN.replace('unit = "mN"', 'unit = "mN", gain = 2.0, sigma = 0.05').replace(
+        "load_resistance = 1e5", 'shunt = { kind = "series_rl", resistance = 1e3, inductance = 5.0 }'
+    )
+    campaign.write_text(text)
+    assert main(["check", str(campaign)]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "series_rl" in words and "R 1 k\u03a9" in words and "L 5 H" in words
+    assert "40.0 mN, sigma 50.0 \u00b5N, gain 2.00 mN per raw unit" in words
+    assert main(["check", str(campaign), "--json"]) == 0
+    (record,) = json.loads(capsys.readouterr().out)["specimens"][0]["records"]
+    assert record["load"] == {"kind": "series_rl", "resistance": 1e3, "inductance": 5.0}
+    assert record["channels"]["force"] == {"sigma": pytest.approx(5e-5), "gain": pytest.approx(2e-3)}
+
+
+@pytest.mark.parametrize(
+    ("starts", "said"),
+    [((None, None, None), []), ((0.0, 1.0, 2.0), []), ((0.0, 2.0, 1.0), []),
+     ((0.0, 0.5, 2.0), ["a.csv: start_time: begins at 0.5 s by its start_time, but a.csv lasts to 0.9995 s"]),
+     ((5.0, None, None), ["a.csv: start_time: begins at 0 s by its start_time, but a.csv lasts to 0.9995 s"])],
+)  # fmt: skip
+def test_records_that_overlap_are_told(campaign, capsys, starts, said):
+    """Not where the campaign states no times: all records then begin at 0."""
+    head, record = CAMPAIGN.split("[[records]]")
+    tables = [record + ("" if start is None else f"start_time = {start}\n") for start in starts]
+    campaign.write_text(head + "".join(f"[[records]]{table}" for table in tables))
+    assert main(["check", str(campaign)]) == (1 if said else 0)
+    assert capsys.readouterr().err.splitlines() == [f"warning: {line}" for line in said]

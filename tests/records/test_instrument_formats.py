@@ -14,6 +14,7 @@ from scipy.io import wavfile
 from piezoharvest.readers import ReadError, open_reader
 from piezoharvest.records import CampaignError, load_campaign
 from piezoharvest.records.reading.time_record import named_time
+from piezoharvest.records.recognition.files import look_into
 
 COUNT = 40
 RATE = 51200.0
@@ -147,6 +148,34 @@ class TestOscilloscopes:
         with open_reader(tmp_path / "run.csv", skip_rows=12) as reader:
             np.testing.assert_allclose(reader.time_of("2"), -1.2e-3 + 2e-6 * np.arange(10, COUNT), rtol=1e-12)
 
+    def rigol_rows(self, path):
+        """As an MSO5000 or a DHO800 writes it: the line of names has the times, above empty cells."""
+        rows = "".join(f"{f:.6e},{v:.6e},,\n" for f, v in zip(FORCE, VOLTAGE, strict=True))
+        path.write_text(f"CH1V,CH2A,t0 =-2.500000e-03, tInc = 5.000000e-09,\n{rows}")
+
+    @pytest.mark.parametrize("skipped", [0, 11])
+    def test_rigol_with_its_times_in_the_line_of_names(self, tmp_path, skipped):
+        self.rigol_rows(tmp_path / "run.csv")
+        sources = "channels = { force = { column = 1, gain = 1.0 }, current = { column = 2, gain = 1e-3 } }"
+        skip = f"skip_rows = {skipped}\n" if skipped else ""
+        record = campaign(tmp_path, f'file = "run.csv"\n{skip}{sources}').records[0]
+        first = max(skipped - 1, 0)
+        np.testing.assert_allclose(record["time"], -2.5e-3 + 5e-9 * np.arange(first, COUNT), rtol=1e-12)
+        np.testing.assert_allclose(record["force"], FORCE[first:], rtol=1e-12)
+        np.testing.assert_allclose(record["current"], 1e-3 * VOLTAGE[first:], rtol=1e-6)
+
+    def test_rigol_states_the_unit_at_the_end_of_a_name(self, tmp_path):
+        self.rigol_rows(tmp_path / "run.csv")
+        with open_reader(tmp_path / "run.csv") as reader:
+            assert [reader.unit(name).si for name in ("CH1V", "CH2A")] == ["V", "A"]
+
+    @pytest.mark.parametrize("stated", ["t0 =, tInc = 5e-9", "t0 =nan, tInc = 5e-9", "t0 =0.0, tInc = 0.0,"])
+    def test_rigol_with_unusable_times_has_none(self, tmp_path, stated):
+        rows = "".join(f"{f},{v},,\n" for f, v in zip(FORCE, VOLTAGE, strict=True))
+        (tmp_path / "run.csv").write_text(f"CH1V,CH2V,{stated}\n{rows}")
+        with open_reader(tmp_path / "run.csv") as reader:
+            assert (reader.time_of("CH1V"), reader.step_error) == (None, 0.0)
+
     @pytest.mark.parametrize("mark", ["\u221e", "-\u221e", "Infinity"])
     def test_picoscope_over_its_range(self, tmp_path, mark):
         """The sample is infinite, which the checks of a record report with its row."""
@@ -158,17 +187,40 @@ class TestOscilloscopes:
         assert np.isinf(values[7]) and np.sign(values[7]) == (-1 if mark[0] == "-" else 1)
         assert np.isfinite(np.delete(values, 7)).all()
 
-    def test_tektronix_with_settings_beside_the_samples(self, tmp_path):
+    def tektronix(self, path, values=FORCE):
         """As a TDS2000 writes it: the first rows have the settings in three further columns on the left."""
-        settings = ["Record Length,40,", "Sample Interval,2e-06,", "Trigger Point,20,", ",,", ",,", "Source,CH1,"]
-        settings += ["Vertical Units,V,", "Vertical Scale,1.0,", *[",,"] * (COUNT - 8)]
-        samples = [f"{n * 2e-6 - 4e-5:018.12f},  {value:.5f}," for n, value in enumerate(FORCE)]
+        settings = ["Record Length,4.0e+01,", "Sample Interval,2e-06,", "Trigger Point,20,", ",,", ",,", "Source,CH1,"]
+        settings += ["Vertical Units,V,", "Vertical Scale,1.0,", "Horizontal Units,s,", *[",,"] * (COUNT - 9)]
+        samples = [f"{n * 2e-6 - 4e-5:018.12f},  {value:.5f}," for n, value in enumerate(values)]
         rows = [f"{left},{right}" for left, right in zip(settings, samples, strict=True)]
-        (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
+        path.write_text("\n".join(rows) + "\n")
+
+    def test_tektronix_with_settings_beside_the_samples(self, tmp_path):
+        self.tektronix(tmp_path / "run.csv")
         with open_reader(tmp_path / "run.csv") as reader:
-            time, values = (reader.read([reader.resolve(n)])[reader.resolve(n)] for n in (4, 5))
+            names = [reader.resolve(n) for n in (4, 5)]
+            assert [(name, reader.unit(name).si) for name in names] == [("Time", "s"), ("CH1", "V")]
+            time, values = (reader.read([name])[name] for name in ("Time", "CH1"))
         np.testing.assert_allclose(values, FORCE.round(5), atol=1e-12)
         np.testing.assert_allclose(time, np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
+
+    def test_tektronix_needs_no_channel_for_its_times(self, tmp_path):
+        self.tektronix(tmp_path / "force.csv")
+        self.tektronix(tmp_path / "other.csv", FORCE**2)  # it writes a file for each of its channels
+        sources = 'channels = { force = { column = 5, gain = 2.0 }, voltage = { file = "other.csv", column = "CH1" } }'
+        record = campaign(tmp_path, f'file = "force.csv"\n{sources}').records[0]
+        np.testing.assert_allclose(record["time"], np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
+        np.testing.assert_allclose(record["force"], 2.0 * FORCE.round(5), atol=1e-12)
+        np.testing.assert_allclose(record["voltage"], (FORCE**2).round(5), atol=1e-12)
+
+    def test_tektronix_cut_off_or_begun_later(self, tmp_path):
+        self.tektronix(tmp_path / "run.csv")
+        with open_reader(tmp_path / "run.csv", skip_rows=12) as reader:
+            assert (len(reader.read(["CH1"])["CH1"]), reader.cut_off) == (COUNT - 12, "")
+        (tmp_path / "run.csv").write_text("".join((tmp_path / "run.csv").read_text().splitlines(True)[:30]))
+        with open_reader(tmp_path / "run.csv") as reader:
+            reader.read(["CH1"])
+            assert reader.cut_off == "found 30 samples, but the header of the file promises 40"
 
 
 class TestWav:
@@ -376,29 +428,69 @@ class TestImpedances:
         cartesian = {"Z-Real(Ohm)-data": self.OHM.real, "Z-Imag(Ohm)-data": self.OHM.imag}
         self.same(tmp_path, "cartesian.csv", head + self.e4990a(cartesian), rtol=1e-9)
 
+    def agilent_4294a(self, **shown):
+        """A file of traces by what they show: each is a table below the one before it."""
+        text = '"4294A REV1.11"\n""\n"SWEEP TYPE: LIN FREQ"\n"NUMBER of POINTS: 40"\n"OSC LEVEL: 500 [mV]"\n\n'
+        for title, (form, values) in shown.items():
+            points = zip(self.FREQUENCY, np.real(values), np.imag(values), strict=True)
+            rows = "".join(f"{f:.8e}\t{a:.8e}\t{b:.8e}\n" for f, a, b in points)
+            text += f'"TRACE: {title}"\n"FORMAT: {form}"\n\n"Frequency"\t"Real"\t"Imag"\n{rows}\n'
+        return text
+
+    @pytest.mark.parametrize(
+        "names", ["|Z| Theta", "|Y| THETA", "R X", "G B", "Cp D", "Cs Rs", "Lp Q", "Ls Rs", "Cp Rp", "Z", "Y"]
+    )
+    def test_agilent_4294a_says_what_it_shows(self, tmp_path, names):
+        z, y, pairs = self.OHM, 1 / self.OHM, {name.partition("(")[0]: x for name, x in self.pairs().items()}
+        angle = np.angle(y if "Y" in names else z, deg=True)
+        known = pairs | {"|Z|": np.abs(z), "Theta": angle, "THETA": angle, "Z": z, "Y": y}
+        if names.startswith("L"):  # of a coil, whose reactance has the other sign
+            known["Q"] = -known["Q"]
+        traces = zip("AB", names.split(), strict=False)
+        text = self.agilent_4294a(**{title: (name, known[name]) for title, name in traces})
+        self.same(tmp_path, "run.txt", text, rtol=1e-6)
+        found = look_into(tmp_path / "run.txt")
+        assert (found.kind, found.columns, found.count) == ("impedance", {}, COUNT)
+
+    @pytest.mark.parametrize(("form", "angle"), [("LOG Y", 57.3), ("Theta", 1.0)])
+    def test_agilent_4294a_whose_traces_are_not_certain(self, tmp_path, form, angle):
+        """A phase in radians may be one in degrees; the record has to name the columns."""
+        text = self.agilent_4294a(A=("|Z|", np.abs(self.OHM)), B=(form, angle * np.angle(self.OHM)))
+        (tmp_path / "run.txt").write_text(text)
+        assert look_into(tmp_path / "run.txt").kind == "impedance"
+        with pytest.raises(CampaignError, match="names in the record's channels"):
+            campaign_of_impedance(tmp_path, 'file = "run.txt"')
+
     def test_agilent_4294a(self, tmp_path):
         """|Z| stands in the table of trace A, the phase in that of trace B below it."""
-
-        def trace(title, form, values):
-            rows = "".join(f"{f:.8e}\t{v:.8e}\t{0:.8e}\n" for f, v in zip(self.FREQUENCY, values, strict=True))
-            return f'"TRACE: {title}"\n"FORMAT: {form}"\n\n"Frequency"\t"Real"\t"Imag"\n{rows}\n'
-
-        head = '"4294A REV1.11"\n""\n"SWEEP TYPE: LIN FREQ"\n"NUMBER of POINTS: 40"\n"OSC LEVEL: 500 [mV]"\n\n'
-        text = head + trace("A", "|Z|", np.abs(self.OHM)) + trace("B", "Theta", np.angle(self.OHM, deg=True))
+        text = self.agilent_4294a(A=("|Z|", np.abs(self.OHM)), B=("Theta", np.angle(self.OHM, deg=True)))
         channels = """channels = { frequency = { column = "Frequency" }, magnitude = { column = "A Real" },
             phase = { column = "B Real", unit = "deg" } }""".replace("\n", "")
         record = self.same(tmp_path, "run.txt", text, rtol=1e-7, channels=channels)
         assert text.splitlines()[record.first_row - 1].startswith("1.00000000e+03")
 
+    def bode_100(self, names, quantity, decimal="."):
+        """Table of the Bode Analyzer Suite: a frequency, real and imaginary part, magnitude and phase."""
+        value = self.OHM if quantity.startswith("Imp") else 1 / self.OHM
+        columns = self.FREQUENCY, value.real, value.imag, np.abs(value), np.angle(value, deg=True)
+        rows = [";".join(f"{x:.17g}".replace(".", decimal) for x in row) for row in zip(*columns, strict=True)]
+        header = ";".join(f'"{name}"' if ": " in name else name for name in names)
+        return "\n".join([header, *rows]) + "\n"
+
     def test_bode_100(self, tmp_path):
         """Header of the Bode Analyzer Suite: all forms of the trace, the units in the names."""
-        values = self.OHM.real, self.OHM.imag, np.abs(self.OHM), np.angle(self.OHM, deg=True)
         parts = "1: Real (Ω)", "1: Imaginary (Ω)", "1: Magnitude (Ω)", "2: Phase (°)"
-        names = [f"Trace {part.replace(': ', ': Impedance: ')}" for part in parts]
-        columns = dict(zip(names, values, strict=True))
-        rows = [";".join(f"{x:.17g}" for x in row) for row in zip(self.FREQUENCY, *columns.values(), strict=True)]
-        names = ";".join(["Frequency (Hz)", *(f'"{name}"' for name in columns)])
-        self.same(tmp_path, "run.csv", "\n".join([names, *rows]) + "\n", rtol=1e-12, encoding="utf-8-sig")
+        names = ["Frequency (Hz)", *(f"Trace {part.replace(': ', ': Impedance: ')}" for part in parts)]
+        self.same(tmp_path, "run.csv", self.bode_100(names, "Impedance"), rtol=1e-12, encoding="utf-8-sig")
+
+    @pytest.mark.parametrize(("quantity", "unit"), [("Impedanz", "Ω"), ("Admittanz", "S")])
+    @pytest.mark.parametrize("forms", [(1, 2), (3, 4)])
+    def test_bode_100_in_german(self, tmp_path, quantity, unit, forms):
+        parts = f"1: Realteil ({unit})", f"1: Imaginärteil ({unit})", f"1: Betrag ({unit})", "2: Phase (°)"
+        names = ["Frequenz (Hz)", *(f"Trace {part.replace(': ', f': {quantity}: ')}" for part in parts)]
+        names = [name if n in (0, *forms) else f"other {n}" for n, name in enumerate(names)]
+        text = self.bode_100(names, quantity, ",")
+        self.same(tmp_path, "run.csv", text, rtol=1e-12, encoding="utf-8-sig")
 
     def test_lcr_meter_with_units_in_brackets(self, tmp_path):
         angle = np.angle(self.OHM, deg=True)

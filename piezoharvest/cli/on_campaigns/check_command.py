@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from piezoharvest.cli.notes import note
 
 if TYPE_CHECKING:
     from piezoharvest.records import Campaign
-    from piezoharvest.records.record import FrequencyRecord, Record
+    from piezoharvest.records.record import FrequencyRecord, Record, Signal
 
 
 def check(path: Path, *, as_json: bool) -> int:
@@ -37,15 +37,19 @@ def check(path: Path, *, as_json: bool) -> int:
 
 
 def _table(record: Record | FrequencyRecord) -> dict[str, Any]:
-    """A record as a table of the JSON output: ranges in SI units."""
+    """A record as a table of the JSON output: values of the load, ranges, sigma and gains in SI units."""
+    from piezoharvest.design.result import shunt_table
+
     return {
         "file": record.name,
         "role": record.role,
         "drive": _drive(record),
-        "shunt": _load(record),
+        "shunt": None if record.shunt is None else record.shunt.kind,
+        "load": None if record.shunt is None else shunt_table(record.shunt),
         "samples": len(record),
         "sample_rate": getattr(record, "sample_rate", None),
         "ranges": {name: [float(values.min()), float(values.max())] for name, values, _ in _contents(record)},
+        "channels": {name: {"sigma": each.sigma, "gain": each.gain} for name, each in _signals(record).items()},
     }
 
 
@@ -55,8 +59,31 @@ def _drive(record: Record | FrequencyRecord) -> str:
     return record.drive if isinstance(record, Record) else record.kind
 
 
-def _load(record: Record | FrequencyRecord) -> str | None:
-    return None if record.shunt is None else record.shunt.kind
+def _load(record: Record | FrequencyRecord) -> str:
+    """Kind and values of the load, in lines."""
+    from piezoharvest.report.subjects import values_of
+
+    if record.shunt is None:
+        return "none"
+    return "\n".join((record.shunt.kind, *(f"{name} {text}" for name, text in values_of(record.shunt))))
+
+
+def _signals(record: Record | FrequencyRecord) -> Mapping[str, Signal]:
+    """Channels of a record over time."""
+    from piezoharvest.records.record import Record
+
+    return record.signals if isinstance(record, Record) else {}
+
+
+def _scaling(signal: Signal | None, unit: str) -> str:
+    """What the campaign states of a channel, behind its range."""
+    from piezoharvest.report.units import engineering
+
+    if signal is None:
+        return ""
+    sigma = "" if signal.sigma is None else f", sigma {engineering(signal.sigma, unit)}"
+    gain = "" if signal.gain is None else f", gain {engineering(signal.gain, unit)} per raw unit"
+    return sigma + gain
 
 
 def _contents(record: Record | FrequencyRecord) -> list[tuple[str, np.ndarray, str]]:
@@ -78,6 +105,7 @@ def _rows(campaign: Campaign) -> list[Sequence[str]]:
     def contents(record: Record | FrequencyRecord) -> str:
         lines = [
             f"{name} {engineering(float(values.min()), unit)} to {engineering(float(values.max()), unit)}"
+            + _scaling(_signals(record).get(name), unit)
             for name, values, unit in _contents(record)
         ]
         if isinstance(record, Record):
@@ -85,6 +113,6 @@ def _rows(campaign: Campaign) -> list[Sequence[str]]:
         return "\n".join(lines)
 
     return [
-        (record.name, record.role, _drive(record), _load(record) or "none", str(len(record)), contents(record))
+        (record.name, record.role, _drive(record), _load(record), str(len(record)), contents(record))
         for record in campaign.records
     ]

@@ -16,14 +16,14 @@ from piezoharvest.records.checks.model import against_model
 from piezoharvest.records.checks.periodic import periodic
 from piezoharvest.records.checks.raw import beyond_measure, clock, not_a_number
 from piezoharvest.records.checks.spikes import spikes
-from piezoharvest.records.checks.stated import stated_noise
+from piezoharvest.records.checks.stated import overlaps, stated_noise
 from piezoharvest.records.checks.stuck import constant, standing_still
 from piezoharvest.records.checks.unused import unused
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.records.spectra import Spectra
 
-__all__ = ["check"]
+__all__ = ["check", "overlaps"]
 
 _MAX_LOST_SHARE = (
     0.15  # share of a response lost between samples: the lines of such a record are not those of the drive

@@ -1,15 +1,15 @@
-"""Check of the noise that a campaign states for a channel against its samples."""
+"""Checks of what a campaign states against its samples: the noise of a channel, and when records began."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.signal import periodogram
 from scipy.signal.windows import kaiser
 
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.record import Record
+from piezoharvest.records.record import FrequencyRecord, Record
 
 _MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a normal variable, in its standard deviations
 _MAX_RATIO = 30.0  # times: noise stated in a wrong unit is off by far more
@@ -34,6 +34,24 @@ def stated_noise(record: Record) -> Iterator[Finding]:
         elif 0.0 < _MAX_SHARE * moves < signal.sigma:
             message = f"found a sigma {signal.sigma / moves:.2g} times the standard deviation of all samples, {_MEANT}"
             yield Finding("warning", "sigma", signal.file, channel, (), message)
+
+
+def overlaps(records: Sequence[Record | FrequencyRecord]) -> list[tuple[Record, Finding]]:
+    """Findings for records that begin before another one ends, where the campaign states when its records began.
+
+    A specimen has one state at a time.
+    """
+    timed = [record for record in records if isinstance(record, Record) and not record.periodic]
+    if not any(record.start_time for record in timed):
+        return []
+    found, before, end = [], "", -np.inf  # the record that lasts longest so far
+    for record in sorted(timed, key=lambda record: record.start_time):
+        if record.start_time < end:
+            message = f"begins at {record.start_time:.6g} s by its start_time, but {before} lasts to {end:.6g} s"
+            found.append((record, Finding("warning", "overlap", record.name, "start_time", (), message)))
+        if record.start_time + record.duration > end:
+            before, end = record.name, record.start_time + record.duration
+    return found
 
 
 def _floor(values: np.ndarray) -> float:

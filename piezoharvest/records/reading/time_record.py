@@ -173,8 +173,9 @@ class TimeRecordReader:
             return Signal(values, None, name, ", ".join(columns), self.files.reader(name).numbering)
         stated = self.files.unit(name, columns, UNITS[channel])
         reverse, factor = source.reverse(UNITS[channel], stated), source.factor(UNITS[channel], stated)
-        sigma = None if source.sigma is None else source.sigma * factor
-        return Signal(values, sigma, name, ", ".join(columns), self.files.reader(name).numbering, reverse, factor)
+        sigma, gain = (None if value is None else value * factor for value in (source.sigma, source.gain))
+        rows, columns = self.files.reader(name).numbering, ", ".join(columns)
+        return Signal(values, sigma, name, columns, rows, reverse, factor, gain)
 
     def _source(self, channel: str) -> ChannelSource:
         return self.sources[channel][0] if channel in self.sources else ChannelSource()

@@ -142,7 +142,7 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     # Names of other quantities, as g, b and y, may also be those of a channel.
     telling = ("real", "magnitude", *(part for part, quantity in QUANTITIES.items() if quantity.unit in ("F", "H")))
     named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "conductance", "admittance", *telling)}
-    if named & set(reader.names) or any(known_column(reader, part) for part in telling):
+    if reader.measures or named & set(reader.names) or any(known_column(reader, part) for part in telling):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
     output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
     parts = {part: known_column(reader, part, "frf") for part in RESPONSE_COLUMNS["frf"]}
@@ -252,6 +252,8 @@ def _named_like(name: str, unit: Unit | None) -> str | None:
     parts = (name, last_part(name), name.rsplit(".", 1)[-1])
     bare = [stated_unit(part)[0].strip().strip('"').lower().replace("_", " ").strip() for part in parts]
     channel = _channel_of(*bare, name.lower())
+    if channel in _MOTIONS and unit is not None and unit.firm and unit.si == UNITS["time"]:
+        return None  # "X" of an oscilloscope
     if channel in _MOTIONS and unit is not None:
         return next((motion for motion in _MOTIONS if UNITS[motion] == unit.si), channel)
     return channel
