@@ -53,6 +53,12 @@ def test_no_threshold_where_size_does_not_tell():
     assert thresholds_between([(1.0, True), (2.0, True), (3.0, False)]) == []
 
 
+def test_no_threshold_where_small_extrema_are_acted_on_or_not_alike():
+    """Half of them are on the wrong side of any, as by chance."""
+    small = [(1.0 + 0.01 * k, k % 2 == 1) for k in range(20)]
+    assert thresholds_between([*small, (5.0, True), (6.0, True)]) == []
+
+
 def test_spread_of_an_interval_is_that_of_a_uniform_distribution():
     draws = np.random.default_rng(1).uniform(2.0, 3.0, 200_000)
     assert spread(2.0, 3.0) == pytest.approx(draws.std(), rel=0.01)

@@ -16,6 +16,9 @@ PROMINENCE, MIN_SHARE = 8.0, 0.02
 # In a tenth of half a period a sine changes by 16 % of what it changes in the whole; an inversion, or a discharge,
 # leaves at least half of the change to an instant.
 WINDOW, MIN_JUMP = 0.1, 0.3
+# Share of the extrema that were not acted on which a threshold may leave unexplained. Of twelve random circuits with
+# one it left at most a tenth; where small extrema that were acted on are like those that were not, about half.
+MOST_WRONG = 0.25
 
 
 def extrema_of(voltage: np.ndarray) -> list[tuple[float, bool]]:
@@ -37,11 +40,12 @@ def _jumps(part: np.ndarray) -> bool:
 def thresholds_between(extrema: Sequence[tuple[float, bool]], most: int = 2) -> list[float]:
     """Sizes that part extrema that were acted on from smaller ones that were not, those with the fewest errors first.
 
-    Each is the middle between two extrema that follow each other by size; none where no threshold at all makes as few.
+    Each is the middle between two extrema that follow each other by size; none where a threshold explains few of them:
+    each is scanned by fits, which behind a switch take long.
     """
     sizes, acted = np.array([size for size, _ in extrema]), np.array([did for _, did in extrema], bool)
     edges = np.unique(sizes)
     middles = 0.5 * (edges[1:] + edges[:-1])
     wrong = [int(np.sum(acted & (sizes < middle)) + np.sum(~acted & (sizes > middle))) for middle in middles]
     order = np.argsort(wrong, kind="stable")[:most]
-    return [float(middles[k]) for k in order if wrong[k] < np.sum(~acted)]
+    return [float(middles[k]) for k in order if wrong[k] < MOST_WRONG * np.sum(~acted)]
