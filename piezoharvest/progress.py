@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 EVERY = 5.0  # s between two words on a stage; what is over sooner needs none
 
@@ -17,7 +19,7 @@ class Step(str):
     Parameters
     ----------
     text : str
-    done, total : int
+    done, total : float
         Parts of the work that are done, and all of them; a total of 0 where it is not known.
     spent : float, optional
         Time in s that the parts done took, where it is not the time since the whole work began.
@@ -25,13 +27,13 @@ class Step(str):
         The total is what there may be at most.
     """
 
-    done: int
-    total: int
+    done: float
+    total: float
     spent: float | None
     most: bool
 
     def __new__(
-        cls, text: str, done: int = 0, total: int = 0, *, spent: float | None = None, most: bool = False
+        cls, text: str, done: float = 0, total: float = 0, *, spent: float | None = None, most: bool = False
     ) -> Step:
         """Make text of a class of its own, which cannot be done in `__init__`."""
         new = super().__new__(cls, text)
@@ -68,7 +70,7 @@ class Stage:
         self.progress, self.name, self.parts, self.most = progress, name, parts, most
         self.begun = self.told = time.monotonic()
 
-    def reached(self, done: int, total: int) -> None:
+    def reached(self, done: float, total: float) -> None:
         """Tell how many parts are done, of how many."""
         now = time.monotonic()
         if now - self.told < EVERY:
@@ -76,6 +78,37 @@ class Stage:
         self.told = now
         share = f"{done} of {'at most ' if self.most else ''}{total} {self.parts}"
         self.progress(Step(f"{self.name}: {share}", done, total, spent=now - self.begun, most=self.most))
+
+
+@contextmanager
+def watched(progress: Callable[[str], object], name: str, share: Callable[[], float]) -> Iterator[None]:
+    """Tell every few seconds how far compiled code is, which tells nothing itself.
+
+    Parameters
+    ----------
+    progress : callable
+        Takes the messages, in another thread.
+    name : str
+        What is done.
+    share : callable
+        Share of the work that is done, from 0 to 1; it is called while the work goes on.
+    """
+    if progress is silent:
+        yield
+        return
+    over, stage = threading.Event(), Stage(progress, name, "%")
+
+    def watch() -> None:
+        while not over.wait(max(0.1 * EVERY, 0.01)):
+            stage.reached(round(100.0 * share(), 1), 100)
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 class Numbered:

@@ -147,7 +147,7 @@ def engine(monkeypatch):
     def answer(*responses: Response | BaseException):
         queue = list(responses)
 
-        def simulate(system, excitation, *, transient=None, samples=512):
+        def simulate(system, excitation, *, transient=None, samples=512, progress=None):
             result = queue.pop(0)
             if isinstance(result, BaseException):
                 raise result

@@ -138,6 +138,10 @@ FILES = {
                     "1;2,5;3\n2;3;4\n3;4;5\n", ['kind = "impedance"']),
     "gain_de.csv": ("Frequenz (Hz);Trace 1: Verst\u00e4rkung: Betrag (dB);Trace 1: Verst\u00e4rkung: Phase (\u00b0)\n"
                     "1;2,5;3\n2;3;4\n3;4;5\n", ['magnitude = { column = "Trace 1: Verst\u00e4rkung: Betrag (dB)"']),
+    "below.csv": ("Sensors\nchannel,gain\n1,2.0\n2,3.0\n3,1.0\nend\nTime (s),Force (N)\n0,1\n0.1,2\n0.2,1\n0.3,1\n",
+                  ["skip_rows = 7", 'force = { column = "Force (N)" }    # N', "4 samples at 10 Hz"]),
+    "remarks.csv": ("Time (s),Force (N)\n0,1\n0.1,2\n0.2,1\nlimits\nlow,3,4\n",
+                    ['force = { column = "Force (N)" }    # N', "3 samples at 10 Hz"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 

@@ -10,14 +10,17 @@ import pytest
 from piezoharvest import (
     Campaign,
     DesignOptions,
+    Rectifier,
     Resistor,
     SineForce,
     Study,
+    System,
     Transducer,
     design,
     diagnose,
     identify,
     progress,
+    simulate,
 )
 from piezoharvest.cli.notes import be_quiet, telling
 from piezoharvest.description.tolerance import Tolerance
@@ -123,6 +126,18 @@ def test_long_stages_of_a_design_tell_how_far_they_are(stage, kind, options, mon
     design(Study(transducer=transducer, excitation=excitation, design=asked), said.append)
     steps = [step for step in said if isinstance(step, Step) and step.startswith(f"{kind}: {stage}")]
     assert any(0 < step.done < step.total and step.line.endswith(" left") for step in steps)
+
+
+def test_a_long_transient_tells_how_far_it_is(monkeypatch):
+    """Compiled code over millions of periods told nothing for minutes."""
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    transducer = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+    shunt = Rectifier(load_resistance=1e5, smoothing_capacitance=1e-6, diode_drop=0.3)
+    system, drive, said = System(transducer, shunt), SineForce(amplitude=0.02, frequency=50.0), []
+    told = simulate(system, drive, transient=400.0, samples=1, progress=said.append)
+    steps = [step for step in said if isinstance(step, Step) and step.startswith("rectifier: ")]
+    assert any(0 < step.done < step.total == 100 and step.line.endswith(" left") for step in steps)
+    assert told == simulate(system, drive, transient=400.0, samples=1)
 
 
 def test_iterations_of_all_fits_of_a_job_are_counted_together():

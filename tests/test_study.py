@@ -481,6 +481,12 @@ class TestNames:
         with pytest.raises(StudyError, match=rf"transducer\.{key}: missing key, must be a finite number"):
             load_study(write(tmp_path, text + "\n[transducer.hyst" + STUDY.split("[transducer.hyst")[1]))
 
+    def test_all_missing_keys_of_a_table_are_named(self, tmp_path):
+        text = STUDY.split("[transducer.hyst")[0]
+        kept = [line for line in text.splitlines() if not line.startswith(("damping", "coupling", "capacitance"))]
+        with pytest.raises(StudyError, match=r"transducer\.damping: missing key, .* N s/m; also missing: coupling,"):
+            load_study(write(tmp_path, "\n".join(kept) + "\n[transducer.hyst" + STUDY.split("[transducer.hyst")[1]))
+
     @pytest.mark.parametrize(
         ("change", "key"),
         [

@@ -44,7 +44,10 @@ SPECIMEN = "[transducer]\n[standard_errors]\n"
             lambda: ph.Resistor(resistance="1 Mohm"),
             "resistance: found '1 Mohm', must be a finite number greater than 0",
         ),
-        (lambda: ph.Transducer.from_modal(), "short_circuit_frequency: missing key, it is needed"),
+        (
+            lambda: ph.Transducer.from_modal(modal_mass=0.25),
+            "short_circuit_frequency: missing key, it is needed together with modal_mass; also missing: open_circuit",
+        ),
         (lambda: ph.from_catalogue("NAC2125"), "transducer.catalogue: found 'NAC2125' (did you mean 'NAC2125-H10'?)"),
     ],
 )

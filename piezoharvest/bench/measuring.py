@@ -22,7 +22,7 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.harvesting.mppt import MPPT
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.progress import Step, log
+from piezoharvest.progress import Stage, Step, log
 from piezoharvest.study import Study, StudyError
 
 Effects = tuple[BenchEffect, ...]
@@ -102,13 +102,14 @@ def measure(study: Study, progress: Callable[[str], None] = log) -> BenchCampaig
         for n, setup in enumerate(setups):
             what = f"record {n + 1} of {len(setups)}: {setup.excitation.kind}, {setup.shunt.kind}"
             progress(Step(what, n, len(setups)))
-            records.append(_record(study.transducer, bench, effects, setup, n))
+            stage = Stage(progress, what, "intervals")
+            records.append(_record(study.transducer, bench, effects, setup, n, stage))
     except ParameterError as error:
         raise StudyError(study.path, error.key, error.message) from None
     return BenchCampaign(study, bench, effects, scattered(study.transducer, bench), tuple(records))
 
 
-def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup, n: int) -> BenchRecord:
+def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup, n: int, stage: Stage) -> BenchRecord:
     """Integrate, sense and convert one record."""
     base = setup.excitation.base
     time = np.arange(int(setup.duration * bench.sample_rate * (1 + 1e-12))) / bench.sample_rate
@@ -116,7 +117,7 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
     late = {name: sum(effect.lateness(name) for effect in effects) for name in line}
     instants = merged(time, np.concatenate([time[time > lateness] - lateness for lateness in late.values()]))
     try:
-        waves = integrate(_model(transducer, bench, effects, setup), setup.excitation, instants)
+        waves = integrate(_model(transducer, bench, effects, setup), setup.excitation, instants, stage)
     except SolverError as error:
         raise SolverError(f"record {n + 1} ({setup.excitation.kind}, {setup.shunt.kind}): {error}") from None
     label = _label(setup.shunt, waves)

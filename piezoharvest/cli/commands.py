@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.notes import note, telling
+from piezoharvest.cli.notes import Tell, note, telling
 from piezoharvest.counting import counted
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError
@@ -51,10 +51,12 @@ def simulate(
         check_file(out, TABLE_SUFFIXES)
     study = with_shunts(driven_study(path))
     specimen = None if uncertainty is None else _specimen(study)
-    responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
-    spread: list[dict[str, Any] | None] = [None] * len(responses)
-    if specimen is not None and uncertainty is not None:
-        spread = [_spread(study, n, specimen, uncertainty, transient) for n in range(len(responses))]
+    count = len(study.shunts)
+    spread: list[dict[str, Any] | None] = [None] * count
+    with telling() as tell:
+        responses = [_respond(study, n, transient, tell, waveforms=out is not None) for n in range(count)]
+        if specimen is not None and uncertainty is not None:
+            spread = [_spread(study, n, specimen, uncertainty, transient, tell) for n in range(count)]
     if as_json:
         results = [
             tables.response_json(response) | ({} if found is None else {"uncertainty": found})
@@ -92,13 +94,15 @@ def _specimen(study: Study) -> Specimen:
     return load_specimen(study.specimen)
 
 
-def _spread(study: Study, n: int, specimen: Specimen, samples: int, transient: float | None) -> dict[str, Any]:
+def _spread(
+    study: Study, n: int, specimen: Specimen, samples: int, transient: float | None, tell: Tell
+) -> dict[str, Any]:
     """Distribution of the figures of one shunt over draws of the specimen."""
     from piezoharvest.specimen import intervals
 
     where = f"shunts.{n} ({study.shunts[n].kind})"
     try:
-        found = intervals(specimen, study.shunts[n], study.excitation, samples, transient)
+        found = intervals(specimen, study.shunts[n], study.excitation, samples, transient, tell)
     except ParameterError as error:
         raise StudyError(study.path, where, f"--uncertainty: {error}") from None
     if found["converged"] < samples:
@@ -106,12 +110,12 @@ def _spread(study: Study, n: int, specimen: Specimen, samples: int, transient: f
     return found
 
 
-def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
+def _respond(study: Study, n: int, transient: float | None, tell: Tell, *, waveforms: bool) -> Response:
     """Simulate one shunt, with remarks on the result; with waveforms, which take memory, only if wanted."""
     from piezoharvest.engine import simulate as run
 
     try:
-        response = run(study.systems[n], study.excitation, transient=transient)
+        response = run(study.systems[n], study.excitation, transient=transient, progress=tell)
     except ParameterError as error:
         raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
     where = f"shunts.{n} ({response.shunt})"

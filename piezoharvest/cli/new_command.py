@@ -173,6 +173,8 @@ def _record(found: FoundFile, target: Path, same: bool) -> Iterator[str]:
     about = "lines" if found.kind != "time" else "samples"
     rate = f" at {found.rate:.6g} Hz" if found.rate is not None else ""
     yield f"file = {_quoted(name)}    # {found.count} {about}{rate}"
+    if found.skip_rows:
+        yield f"{f'skip_rows = {found.skip_rows}':<33}# lines above the longest table of the file"
     yield 'role = "fit"                     # "validate": kept out of the fit, to check it'
     yield from (f"# (?) {doubt}" for doubt in found.doubts)
     if found.kind != "time":

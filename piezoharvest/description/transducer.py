@@ -248,7 +248,9 @@ class Transducer(Component, Shown):
         ]  # fmt: skip
         if missing:
             given = ", ".join(sorted(own & set(figures)))
-            raise ParameterError(missing[0], f"missing key, it is needed{f' together with {given}' if given else ''}")
+            more = f"; also missing: {', '.join(missing[1:])}" if missing[1:] else ""
+            needed = f"it is needed{f' together with {given}' if given else ''}"
+            raise ParameterError(missing[0], f"missing key, {needed}{more}")
         found = kind(**{key: value for key, value in figures.items() if key in own}).lumped()
         return cls(**{**found._asdict(), **{key: value for key, value in figures.items() if key not in own}})
 

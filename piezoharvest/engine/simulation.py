@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -34,6 +35,7 @@ from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, chec
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
 from piezoharvest.engine.work_limit import Budget
 from piezoharvest.linear.sampled import sampled_loop
+from piezoharvest.progress import silent, watched
 
 MAX_LOG = 100_000
 MAX_SAMPLES = 1_000_000  # of a transient: no more samples than this are taken
@@ -50,6 +52,7 @@ def simulate(
     samples: int = 512,
     attenuation: bool = True,
     budget: Budget | None = None,
+    progress: Callable[[str], object] = silent,
 ) -> Response:
     """Simulate a system exactly, event by event.
 
@@ -68,6 +71,8 @@ def simulate(
         is NaN.
     budget : Budget, optional
         Work limit, from which the work done is subtracted; default that of one simulation.
+    progress : callable, optional
+        Takes messages on how far a long transient is.
 
     Returns
     -------
@@ -102,7 +107,7 @@ def simulate(
             merit = float(figure_of_merit(power, moved, system, excitation))
             response = _replaced(response, figure_of_merit=merit)
         else:
-            response = _transient(lowered, system, excitation, length, samples)
+            response = _transient(lowered, system, excitation, length, samples, progress)
     except EngineError as error:
         return _replaced(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
@@ -124,7 +129,7 @@ def simulate(
         return response
     if not attenuation:
         return _replaced(response, attenuation_db=np.nan)
-    reference, reason = _short_circuit(system.shorted, excitation, transient)
+    reference, reason = _short_circuit(system.shorted, excitation, transient, progress)
     if not reason and not response.displacement_amplitude > 0:
         reason = "nothing moves"
     if reason:
@@ -138,9 +143,11 @@ def _is_idle(effect: Effect, shunt: Shunt) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _short_circuit(shorted: System, excitation: Excitation, transient: float | None) -> tuple[float, str]:
+def _short_circuit(
+    shorted: System, excitation: Excitation, transient: float | None, progress: Callable[[str], object]
+) -> tuple[float, str]:
     """Displacement amplitude with shorted electrodes, the reference of attenuation, and a reason not to use it."""
-    response = simulate(shorted, excitation, transient=transient, samples=1)
+    response = simulate(shorted, excitation, transient=transient, samples=1, progress=progress)
     if not response.converged:
         return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
     moves = response.displacement_amplitude > 0
@@ -248,7 +255,14 @@ def _length(system: System, excitation: Excitation, transient: float | None) -> 
     return length
 
 
-def _transient(lowered: Lowered, system: System, excitation: Excitation, t_end: float, samples: int) -> Response:
+def _transient(
+    lowered: Lowered,
+    system: System,
+    excitation: Excitation,
+    t_end: float,
+    samples: int,
+    progress: Callable[[str], object],
+) -> Response:
     if excitation.period is not None:
         step = max(excitation.period / samples, t_end / MAX_SAMPLES)
         times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
@@ -264,9 +278,10 @@ def _transient(lowered: Lowered, system: System, excitation: Excitation, t_end: 
     # Of noise and of recorded signals averages are samples of what a longer run would give.
     edges = batch_edges(system, t_end) if excitation.samples else np.empty(0)
     harvested, place = [], lowered.categories.index("harvested")
-    for edge in (*edges, t_end):
-        check(machine.run(state, float(edge)))
-        harvested.append(float(state.energy[place]))
+    with watched(progress, system.shunt.kind, lambda: float(state.clock[st.NOW]) / t_end):
+        for edge in (*edges, t_end):
+            check(machine.run(state, float(edge)))
+            harvested.append(float(state.energy[place]))
     change = _stored(machine, state) - before
     response = _finish(_response(lowered, state, system.shunt, t_end, 0.0, change, before), "", np.nan)
     return _with_errors(response, np.array(harvested[:-1]), edges) if len(edges) else response

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from piezoharvest.description.shunts.switching import InductiveSwitch
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch import one_of, simulate_many
 from piezoharvest.engine.simulation import simulate
+from piezoharvest.progress import Stage, silent
 from piezoharvest.specimen.draws import drawn
 from piezoharvest.specimen.file import Specimen
 
@@ -26,7 +27,12 @@ SEED = 1  # of all draws: the same specimens for every shunt, so that difference
 
 
 def intervals(
-    specimen: Specimen, shunt: Shunt, excitation: Excitation, samples: int, transient: float | None = None
+    specimen: Specimen,
+    shunt: Shunt,
+    excitation: Excitation,
+    samples: int,
+    transient: float | None = None,
+    progress: Callable[[str], object] = silent,
 ) -> dict[str, Any]:
     """Distribution of the figures of a simulation over draws of the specimen.
 
@@ -41,6 +47,8 @@ def intervals(
         Number of draws.
     transient : float, optional
         Simulate from rest for so many seconds instead of the periodic steady state.
+    progress : callable, optional
+        Takes messages on how far long work is.
 
     Returns
     -------
@@ -63,16 +71,23 @@ def intervals(
     if transient is None and excitation.period is not None and batched:
         columns = simulate_many(system, excitation, samples)
     else:
-        columns = _one_by_one(system, excitation, samples, transient)
+        columns = _one_by_one(system, excitation, samples, transient, progress)
     right = columns["converged"]
     found = {name: _distribution(columns[name][right & np.isfinite(columns[name])]) for name in FIGURES}
     return {"samples": samples, "converged": int(np.count_nonzero(right)), **found}
 
 
 def _one_by_one(
-    system: System, excitation: Excitation, samples: int, transient: float | None
+    system: System,
+    excitation: Excitation,
+    samples: int,
+    transient: float | None,
+    progress: Callable[[str], object],
 ) -> Mapping[str, np.ndarray]:
-    responses = [simulate(one_of(system, n), excitation, transient=transient, samples=1) for n in range(samples)]
+    stage, responses = Stage(progress, system.shunt.kind, "draws"), []
+    for n in range(samples):
+        stage.reached(n, samples)
+        responses.append(simulate(one_of(system, n), excitation, transient=transient, samples=1))
     columns = {name: np.array([getattr(r, name) for r in responses], float) for name in FIGURES}
     return {**columns, "converged": np.array([r.converged for r in responses], bool)}
 

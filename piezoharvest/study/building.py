@@ -210,9 +210,10 @@ def without_none(hint: Any) -> Any:
 
 
 def _validation_message(cls: type[Component], error: ValidationError) -> ParameterError:
-    """One pydantic error in words: an unknown key first, since it often explains a missing one."""
+    """An error of pydantic in words: an unknown key first, which may explain a missing one; missing ones at once."""
     order = {"extra_forbidden": 0, "missing": 2}
-    first = min(error.errors(include_url=False), key=lambda detail: order.get(detail["type"], 1))
+    details = error.errors(include_url=False)
+    first = min(details, key=lambda detail: order.get(detail["type"], 1))
     name, *inner = map(str, first["loc"])
     fields = {key_of(field): field for field in dataclasses.fields(cls) if field.init}
     if first["type"] == "extra_forbidden":
@@ -224,8 +225,11 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
     if first["type"] != "missing" and inner:
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing if a list is too short: the list is reported.
-    found = "missing key" if first["type"] == "missing" and not inner else f"found {shown_value(first['input'])}"
-    return ParameterError(name, f"{found}, must be {allowed_values(field, hint)}")
+    if first["type"] == "missing" and not inner:
+        others = [str(each["loc"][0]) for each in details if each["type"] == "missing" and len(each["loc"]) == 1][1:]
+        more = f"; also missing: {', '.join(others)}" if others else ""
+        return ParameterError(name, f"missing key, must be {allowed_values(field, hint)}{more}")
+    return ParameterError(name, f"found {shown_value(first['input'])}, must be {allowed_values(field, hint)}")
 
 
 def allowed_values(field: dataclasses.Field, hint: Any) -> str:

@@ -17,6 +17,7 @@ from messages import is_sentence
 from studies import BENCH, DRIVE, solve
 
 import piezoharvest.bench.writing as writing
+from piezoharvest import progress
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.bench.sensors import channels
 from piezoharvest.cli import main
@@ -98,6 +99,14 @@ def test_a_circuit_of_which_no_campaign_has_a_record_is_warned_of(run):
     status, _, err = run(tables(DRIVE, digital, BENCH, duration=0.1, laser={"sensitivity": 1e4}))
     assert status == 0
     assert "no campaign may have a record of digital, whose clock no record shows, allowed are circuits" in err
+
+
+def test_a_long_record_tells_how_far_it_is(monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    said = []
+    measure(study(duration=0.01), said.append)
+    steps = [step for step in said if step.startswith("record 1 of 1: sine_force, resistor: ")]
+    assert any(0 < step.done < step.total and step.line.endswith(" left") for step in steps)
 
 
 def test_what_is_written_is_what_was_measured(run, tmp_path):

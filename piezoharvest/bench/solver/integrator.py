@@ -15,6 +15,7 @@ from piezoharvest.bench.solver.radau import NODES
 from piezoharvest.bench.solver.rest import rest
 from piezoharvest.bench.solver.sizes import elastance, expected_sizes, voltage_rounding
 from piezoharvest.bench.solver.stepper import Stepper, Trial
+from piezoharvest.progress import Stage
 
 # Tolerance of the estimated local error, relative to the size of each state. The estimate is of third order and the
 # method of fifth: waveforms are far more accurate, which tests/records_bench measures.
@@ -100,8 +101,8 @@ class Integrator:
         self.seen = self.drives[0]  # drive at the start and the stages of the last step that was tried
         self.trials = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
 
-    def run(self) -> None:
-        """Integrate from the first node to the last.
+    def run(self, stage: Stage | None = None) -> None:
+        """Integrate from the first node to the last; a `stage` tells how far it is.
 
         Raises
         ------
@@ -114,6 +115,8 @@ class Integrator:
                 self.model.tie(self.t, self.y)
                 self.states[interval] = self.y
                 self._integrate_interval(interval)
+                if stage is not None:
+                    stage.reached(interval + 1, len(self.drives))
             self.states[-1] = self.y
 
     def _integrate_interval(self, interval: int) -> None:

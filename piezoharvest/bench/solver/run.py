@@ -11,6 +11,7 @@ from piezoharvest.bench.solver.integrator import Integrator
 from piezoharvest.bench.solver.model import Model
 from piezoharvest.bench.solver.open_voltage import open_voltage
 from piezoharvest.description.excitation import Excitation
+from piezoharvest.progress import Stage
 
 SIGNALS = (
     "displacement", "velocity", "reading", "voltage", "current", "acceleration", "dc_voltage", "dc_current",
@@ -80,7 +81,7 @@ class Waves:
         return replace(self, **arrays)
 
 
-def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
+def integrate(model: Model, excitation: Excitation, times: np.ndarray, stage: Stage | None = None) -> Waves:
     """Run a model from rest under an excitation.
 
     Parameters
@@ -90,6 +91,8 @@ def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
     excitation : Excitation
     times : (n,) array
         Instants in s, increasing, the first one 0.
+    stage : Stage, optional
+        Tells how far the run is.
 
     Raises
     ------
@@ -101,7 +104,7 @@ def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
         model.circuit.track(open_voltage(model, excitation))
     model.circuit.driven(excitation.period)
     run = Integrator(model, drive)
-    run.run()
+    run.run(stage)
     nodes, values = drive.nodes, drive.at(drive.nodes)
     columns = {name: np.empty(len(nodes)) for name in SIGNALS}
     ends = [start for start, _ in run.branches[1:]] + [len(nodes)]

@@ -54,7 +54,7 @@ class ChannelSource(Component):
         In `unit` per raw unit (default 1), and in `unit`. Without a unit and a gain, values and offset are in the unit
         that the file states, if any. A gain overrules the file.
     sigma : float, optional
-        Known standard deviation of the noise, in the unit of the offset.
+        Known standard deviation of the noise of the values, so after gain and offset, in the unit of the offset.
     file : str, optional
         File with the column, if it is not the record's file.
     """
@@ -65,7 +65,9 @@ class ChannelSource(Component):
     unit: str = described("unit of the values; default: that of the file, or the SI unit", default="")
     gain: float | None = quantity("", "gain: value per raw unit", default=None)
     offset: float = quantity("", "offset: value at raw zero", default=0.0)
-    sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
+    sigma: float | None = quantity(
+        "", "known standard deviation of the noise of the values, after gain and offset", default=None, above=0
+    )
     file: str | None = described("file with the column; default: that of the record", default=None)
 
     def __post_init__(self) -> None:

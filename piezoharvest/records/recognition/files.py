@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -61,6 +61,7 @@ _BASE = "base_acceleration"
 _MOTIONS = ("displacement", "velocity", "acceleration")  # of these, the unit tells better than the name
 OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
 LEVEL = "dB"
+_MOST_TABLES = 10  # of a text file that are looked at, one below the other
 _LEAST_COUNTED = 2  # samples whose numbers are consecutive
 _OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
 _RATIOS = {
@@ -95,6 +96,8 @@ class FoundFile:
         Other columns, with their units.
     doubts : tuple of str
         What could not be told, or was guessed, a sentence each.
+    skip_rows : int
+        Lines above the table of a text file, where the first table of the file is not the data.
     """
 
     path: Path
@@ -107,6 +110,7 @@ class FoundFile:
     input: str = ""
     left: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    skip_rows: int = 0
 
     @property
     def rate(self) -> float | None:
@@ -117,19 +121,34 @@ class FoundFile:
 
 
 def look_into(path: Path) -> FoundFile:
-    """Recognise what a data file holds.
+    """Recognise what a data file holds; of several tables in a text file, the longest.
 
     Raises
     ------
     ReadError
         It cannot be read, or holds no numbers.
     """
-    with open_reader(path) as reader:
+    found, below = _table(path, 0)
+    for _ in range(_MOST_TABLES):
+        if not below:
+            break
+        try:
+            other, below = _table(path, below)
+        except ReadError:  # remarks with numbers
+            break
+        found = other if other.count > found.count else found
+    return found
+
+
+def _table(path: Path, above: int) -> tuple[FoundFile, int]:
+    """What a file holds below some lines, and the lines above its next table, 0 if there is none."""
+    with open_reader(path, **({"skip_rows": above} if above else {})) as reader:
         found = _spectrum(reader, path) or _signals(reader, path)
         if found.count == 0:
             where = f" in its columns {shown(reader.names)}" if any(reader.names) else ""
             raise ReadError(f"found no rows of numbers{where}, at least one is needed")
-        return found
+        row = reader.left_out[0] if reader.by_lines and reader.left_out is not None else 0
+        return replace(found, skip_rows=above), max(row - 1, 0)
 
 
 def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
