@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -137,7 +138,7 @@ class Trial:
         self.simulations += 1
         operation = self.view.operation
         excitation = operation.excitation if frequency is None else operation.at(frequency)
-        samples = {} if complete else {"samples": _TUNING_SAMPLES}
+        samples: dict[str, Any] = {} if complete else {"samples": _TUNING_SAMPLES}
         system, alone = System(self.view.transducer, shunt), operation.band is None
         with self._counted() as budget:
             # Over a band worst peaks are compared: the short circuit need not be simulated at each frequency.

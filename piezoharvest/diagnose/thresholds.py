@@ -214,6 +214,12 @@ MIN_LAW_GAIN = Threshold(
     decides="share of the validation error above the noise that a law without a name has to remove",
     source="choice: what the right named effect removes, with a margin",
 )
+MIN_DOMINANT_SHARE = Threshold(
+    0.995,
+    decides="share of a large misfit above which a law is first sought beside the effects that explain it, not in "
+    "their place",
+    source="theory: an effect at a wrong place leaves half a per cent",
+)
 MIN_LOG_ODDS = Threshold(
     4.6,
     decides="logarithm of the odds of the best place for a law against another place above which the other is excluded",

@@ -129,7 +129,7 @@ def simulate(
         return response
     if not attenuation:
         return _replaced(response, attenuation_db=np.nan)
-    reference, reason = _short_circuit(system.shorted, excitation, transient, progress)
+    reference, reason = _short_circuit(system.shorted, excitation, transient)
     if not reason and not response.displacement_amplitude > 0:
         reason = "nothing moves"
     if reason:
@@ -143,11 +143,9 @@ def _is_idle(effect: Effect, shunt: Shunt) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _short_circuit(
-    shorted: System, excitation: Excitation, transient: float | None, progress: Callable[[str], object]
-) -> tuple[float, str]:
+def _short_circuit(shorted: System, excitation: Excitation, transient: float | None) -> tuple[float, str]:
     """Displacement amplitude with shorted electrodes, the reference of attenuation, and a reason not to use it."""
-    response = simulate(shorted, excitation, transient=transient, samples=1, progress=progress)
+    response = simulate(shorted, excitation, transient=transient, samples=1)
     if not response.converged:
         return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
     moves = response.displacement_amplitude > 0

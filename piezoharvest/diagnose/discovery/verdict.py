@@ -31,6 +31,7 @@ from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.output_error import excess_of, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.residual_quality import combined_quality, judged
 from piezoharvest.identify.result import Identification, Quality
@@ -79,6 +80,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     """Laws that explain what a search for named effects has left; None where none does.
 
     The search begins without the effects that were found on the way, which may stand in for a law; then with them.
+    Where they explain all but a little of a large misfit they are right: it begins with them, as without them the
+    parameters are too far off for the fit of any law.
     Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
     nowhere, as the nominal values may be wrong, where they went. Where the misfit is large, what changes within the
     campaign and then records with smaller drives are looked at before all of them.
@@ -99,6 +102,7 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     free = *before.held, *done.base.model.parameters
     first = [(search_campaign, done.base), (partial(search_growing, given=free), done.base)]
     ways = [*first, *((search, each) for each in starts)]
+    ways = [(search, done.final), *ways[:-1]] if _dominant(done) else ways
     for seek, begun in ways:
         start = _with_drop_free(trials, begun)
         found = found_laws(campaign, before, problem, start, progress, seek, free)
@@ -107,6 +111,13 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
             found, kept = without_riders(campaign, before, problem, found, beside, progress)
             return _as_diagnosed(campaign, before, problem, done, found, kept)
     return None
+
+
+def _dominant(done: Search) -> bool:
+    """True if the effects that were found explain all but a little of a large misfit."""
+    explained = done.base.cost - done.final.cost
+    large = mean_square(done.base) > thresholds.LARGE_MISFIT
+    return bool(done.nested) and large and explained > thresholds.MIN_DOMINANT_SHARE * excess_of(done.base)
 
 
 def _with_drop_free(trials: CandidateFits, start: Fit) -> Fit:

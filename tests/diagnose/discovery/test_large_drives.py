@@ -88,3 +88,19 @@ def test_a_spring_that_hardens_exponentially(seed):
 @pytest.mark.slow
 def test_a_spring_that_softens_with_the_square():
     assert found_in(1, lambda x: -1.2e6 * x * np.abs(x)).exponent == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_named_spring_keeps_its_name_beside_a_law():
+    """It explains all but a little, and without it no law of a reading can be fitted."""
+    found = diagnose(
+        campaign_of(
+            "white", 1, duration=0.4, spring=lambda x: 3e8 * x**3,
+            read=lambda voltage: voltage + 0.3 * np.sin(2.0 * np.pi * voltage / 90.0),
+        )
+    )  # fmt: skip
+    assert found.verdict == "new_effect", found.verdict
+    (named,), (discovery,) = found.effects, found.discovery
+    assert named.effect.name == "stiffening"
+    assert named.effect.cubic_stiffness == pytest.approx(3e8, rel=0.01)
+    assert (discovery.law.place.name, discovery.law.place.input) == ("reading.voltage", "voltage")
+    assert discovery.gain > 0.95
