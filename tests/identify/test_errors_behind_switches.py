@@ -17,10 +17,10 @@ def moved_once(monkeypatch):
     """Integrate the record of each circuit once: only what its sensors add depends on the seed."""
     known, integrate = {}, measuring.integrate
 
-    def once(model, excitation, times):
+    def once(model, excitation, times, stage):
         circuit = type(model.circuit)
         if circuit not in known:
-            known[circuit] = integrate(model, excitation, times)
+            known[circuit] = integrate(model, excitation, times, stage)
         return known[circuit]
 
     monkeypatch.setattr(measuring, "integrate", once)
