@@ -16,7 +16,7 @@ PROMINENCE, MIN_SHARE = 8.0, 0.02
 # In a tenth of half a period a sine changes by 16 % of what it changes in the whole; an inversion, or a discharge,
 # leaves at least half of the change to an instant.
 WINDOW, MIN_JUMP = 0.1, 0.3
-# Share of the extrema that were not acted on which a threshold may leave unexplained. Of twelve random circuits with
+# Share of the extrema that were not acted on which a threshold may leave unexplained. Of eleven random circuits with
 # one it left at most a tenth; where small extrema that were acted on are like those that were not, about half.
 MOST_WRONG = 0.25
 
