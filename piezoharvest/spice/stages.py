@@ -40,6 +40,8 @@ HANDOVER, OPEN = 1e-2, 1e-9
 # Load of a coil whose current is cut, over sqrt(L/C): what the contact takes while it opens, in 1e-3 of the time that
 # it was closed, grows with it, and the time that the current takes to end falls: 1e-3 of the energy, two such times.
 LOAD = 0.3
+# A bridge around empty electrodes, over sqrt(L/C): what it lets the coil's current change their voltage by.
+SHORTED = 1e-3
 
 
 def write_sshc(deck: Deck, shunt: SSHC, point: OperatingPoint) -> NetlistCircuit:
@@ -206,10 +208,15 @@ def _write_extraction(
     timing.pulse("x", coil.early, on_time)
     # The voltage is negative after a maximum, at which the pulse is 1.
     side = f"max(-1, min(1, 4*{pulse}))"
-    voltage = f"-{side}*V(p)-2*{deck.parameter('diode_drop', shunt.diode_drop)}"
+    # Once the electrodes are empty, all diodes conduct, and the coil meets one resistance of a diode instead of two.
+    beyond, around = f"max(0, {side}*V(p))", SHORTED * impedance
+    voltage = f"max(0, -{side}*V(p))+{number(shunt.diode_resistance / around)}*{beyond}"
+    voltage += f"-2*{deck.parameter('diode_drop', shunt.diode_drop)}"
     power = write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
     deck.comment("The bridge is a diode in line with the coil, on either side of the electrodes by the pulse's sign.")
     deck.add(f"Bdraw p 0 I=-{side}*I(Vcoil)")
+    deck.comment("Bfree: once the electrodes are empty, all diodes conduct, and their voltage stays at zero.")
+    deck.add(f"Bfree p 0 I={side}*{beyond}/{number(around)}")
     return power
 
 

@@ -219,42 +219,48 @@ def event(function, direction):
 def from_rest(length, closed):
     """Parts of a run: x, u, v, i, w; with the energy that the load has when the switch opens, and times of conducting.
 
-    The bridge conducts with the sign s of the voltage at the extremum: i = (v - s 0.1 - w)/1600 ohm.
+    The bridge conducts with the sign s of the voltage at the extremum: i = (v - s 0.1 - w)/1600 ohm. Once v has been
+    zero, i = (-s 0.1 - w)/1550 ohm goes round through all of it, and 50 ohm short the electrodes.
     """
 
     def current(z, s):
-        return (z[2] - s * 0.1 - z[4]) / 1600.0
+        return (-s * 0.1 - z[4]) / 1550.0 if empty else (z[2] - s * 0.1 - z[4]) / 1600.0
 
     def rates(s):
         def found(t, z):
             into = current(z, s) if s else 0.0
+            drawn = z[2] / 50.0 if s and empty else into
             force = DRIVE.amplitude * math.sin(2 * math.pi * DRIVE.frequency * t)
             push = force + BENCH["coupling"] * z[2] - BENCH["damping"] * z[1] - BENCH["stiffness"] * z[0]
             strain, drop = -BENCH["coupling"] * z[1], z[4] - R_WINDING * z[3]
-            rise = (strain - into) / BENCH["capacitance"]
+            rise = (strain - drawn) / BENCH["capacitance"]
             return [z[1], push / BENCH["mass"], rise, drop / 0.1, (into - z[3]) / C_WINDING]
 
         return found
 
     t, z, parts, delivered, turning, again = 0.0, np.zeros(5), [], 0.0, -1, 0
-    side, conducts, opens = 0, False, math.inf
+    side, conducts, opens, empty = 0, False, math.inf, False
     while t < length:
         events = [event(lambda z, s=side, d=conducts: s * current(z, s), -1 if conducts else 1)]
+        if conducts and not empty:
+            events.append(event(lambda z, s=side: s * z[2], -1))
         if opens == math.inf:
             events = [event(lambda z: z[1], turning)]
         part = solve_ivp(
-            rates(side if conducts else 0), (t, min(length, opens)), z, "DOP853", events=events, rtol=1e-11,
-            atol=[1e-16, 1e-13, 1e-10, 1e-14, 1e-10], max_step=2e-3, dense_output=True,
+            rates(side if conducts else 0), (t, min(length, opens)), z, "Radau" if conducts and empty else "DOP853",
+            events=events, rtol=1e-11, atol=[1e-16, 1e-13, 1e-10, 1e-14, 1e-10], max_step=2e-3, dense_output=True,
         )  # fmt: skip
         parts.append(part.sol)
         t, z = part.t[-1], part.y[:, -1].copy()
         happened = part.t_events[0].size > 0
         if opens == math.inf and happened:
-            side, opens = (-1 if turning < 0 else 1), t + closed
+            side, opens, empty = (-1 if turning < 0 else 1), t + closed, False
             conducts, turning = side * current(z, side) > 0, -turning
         elif happened:
             conducts = not conducts
             again += conducts
+        elif len(part.t_events) > 1 and part.t_events[1].size:
+            empty = True
         elif opens < math.inf and t >= opens:
             delivered += 0.1 * z[3] ** 2 / 2 + C_WINDING * z[4] ** 2 / 2
             z[3:], side, conducts, opens = 0.0, 0, False, math.inf
@@ -267,7 +273,7 @@ def test_a_winding_rings_behind_the_bridge():
     found = simulate(System(Transducer(**BENCH), shunt), DRIVE, transient=length, samples=4000, attenuation=False)
     assert abs(found.energy["closure"]) < 1e-10
     parts, delivered, again = from_rest(length, closed)
-    assert again > 3  # else nothing is tested
+    assert again > 2  # else nothing is tested
     waves = found.waveforms
     for part in parts:
         here = (waves.time > part.t_min + 1e-7) & (waves.time < part.t_max - 1e-7)

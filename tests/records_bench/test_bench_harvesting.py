@@ -69,6 +69,7 @@ CIRCUITS = {
     "sece late": {
         "kind": "sece", **LOOP, "diode_drop": 0.2, "diode_resistance": 1e3, "phase_lag": 0.2, "on_time_error": 0.9,
     },
+    "sece closed long": {"kind": "sece", **LOOP, "diode_drop": 0.1, "on_time_error": 0.9},
     "sice": {"kind": "sice", **LOOP, "diode_drop": 0.1},
     "sice early": {"kind": "sice", **LOOP, "phase_lag": -0.2, "on_time_error": -0.2},
     # Still closed at the next extremum, which then changes nothing.

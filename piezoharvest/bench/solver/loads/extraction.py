@@ -18,9 +18,13 @@ def emptying(inductance: float, resistance: float, capacitance: float) -> float:
 
 
 class Extracting(Staged, SSDI):
-    """Charge goes through a bridge into a coil while the switch is closed; the state is the coil's current."""
+    """Charge goes through a bridge into a coil while the switch is closed; the state is the coil's current.
+
+    Once the electrodes are empty, the current goes round through both halves of the bridge, which short them.
+    """
 
     real_coil = False
+    round = False
 
     diode_drop: float
     diode_resistance: float
@@ -30,11 +34,23 @@ class Extracting(Staged, SSDI):
         time = emptying(self.inductance or 0.0, self.resistance, capacitance)
         self.emptying = time * (1.0 + self.on_time_error)
 
+    @property
+    def branch(self) -> int:
+        """As of other circuits with stages, and whether the current goes round through the bridge."""
+        return super().branch + 100 * self.round
+
+    @branch.setter
+    def branch(self, value: int) -> None:
+        self.round = value > 50
+        set_staged = Staged.branch.fset
+        assert set_staged is not None  # it has one
+        set_staged(self, value - 100 * self.round)
+
     def act(self, z):
         before = self.closed, self.stage
         discharged = super().act(z)
         if (self.closed, self.stage) != before:  # an action that finds the switch closed changes nothing
-            self.sign = self.way()
+            self.sign, self.round = self.way(), False
         return discharged
 
     def way(self) -> int:
@@ -45,16 +61,33 @@ class Extracting(Staged, SSDI):
         return (self.emptying,)
 
     def flow(self, z, v, free, elastance):
-        lost = (self.resistance + 2.0 * self.diode_resistance) * z[0] + 2.0 * self.diode_drop * self.sign
-        return z[0], ((v - lost) / self.inductance if self.sign else 0.0 * v,)
+        line, drops = 2.0 * self.diode_resistance, 2.0 * self.diode_drop * self.sign
+        if self.round:
+            shorted = v / self.diode_resistance if self.diode_resistance else free / elastance
+            return shorted, (-((self.resistance + 0.5 * line) * z[0] + drops) / self.inductance,)
+        rate = (v - (self.resistance + line) * z[0] - drops) / self.inductance
+        return z[0], (rate if self.sign else 0.0 * v,)
+
+    def tied(self, z):
+        return 0.0 * z[0] if self.round and not self.diode_resistance else None
 
     guard_count = 2
 
+    @property
+    def guard_units(self):
+        return ["A", "A" if self.round else "V"][: self.guard_count]
+
     def guards(self, z, v, i):
-        return [-self.sign * z[0] if self.sign else 0.0 * v - 1.0, 0.0 * v - 1.0]
+        if not self.sign:
+            return [0.0 * v - 1.0, 0.0 * v - 1.0]
+        current = self.sign * z[0]
+        return [-current, self.sign * i - current if self.round else -self.sign * v]
 
     def fire(self, guard):
-        self.sign = 0
+        if guard:
+            self.round = not self.round
+        else:
+            self.sign, self.round = 0, False
 
     def blocked(self, z):
         if not self.sign:

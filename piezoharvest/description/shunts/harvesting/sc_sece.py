@@ -50,8 +50,8 @@ class SCSECE(InductiveSwitch, Extraction):
         return ("open", *self.extracting("extract"), "short")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        current = self._short(configuration, port) + self.coil_current(configuration, port, z)
-        return [port.i - current, *self.coil_equations(configuration, port, z, dz)]
+        electrodes = self.electrodes_equation(configuration, self._short(configuration, port), port, z, dz)
+        return [electrodes, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         short = Product(1.0, port.v, self._short(configuration, port))

@@ -37,8 +37,8 @@ class SECE(EmptyingSwitch, Extraction):
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         if self.at_once:
             return [port.i]
-        current = self.coil_current(configuration, port, z)
-        return [port.i - current, *self.coil_equations(configuration, port, z, dz)]
+        electrodes = self.electrodes_equation(configuration, 0.0 * port.one, port, z, dz)
+        return [electrodes, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {} if self.at_once else {"shunt_loss": self.coil_losses(configuration, port, z)}

@@ -38,9 +38,10 @@ class SICE(WoundSwitch, Extraction):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         inverts, coil = configuration == "invert", self.real_coil(port.capacitance)
-        current = coil.current(inverts, port.v, port, z) + self.coil_current(configuration, port, z)
+        inverted = coil.current(inverts, port.v, port, z)
+        electrodes = self.electrodes_equation(configuration, inverted, port, z, dz)
         inverting = coil.equations(inverts, port.v, port, z, dz)
-        return [port.i - current, *inverting, *self.coil_equations(configuration, port, z, dz)]
+        return [electrodes, *inverting, *self.coil_equations(configuration, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         inverting = self.real_coil(port.capacitance).losses(configuration == "invert", port.v, port, z)
