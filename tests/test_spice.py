@@ -398,6 +398,12 @@ class TestSteadyStart:
     def test_capacitors_and_coils_of_its_own(self, kind):
         compare_with_engine(bench(SWITCHED[kind], DRIVE), 2e-3, start="steady")
 
+    @pytest.mark.parametrize("kind", with_slow(("sece coil", "sice", "sc_sece"), slow=lambda kind: kind != "sice"))
+    def test_a_bridge_that_is_closed_too_long(self, kind):
+        """Its diodes keep the coil from inverting the voltage, and its current goes round through all of them."""
+        diodes = {"diode_drop": 0.01, "diode_resistance": 200.0}
+        compare_with_engine(bench({**SWITCHED[kind], **diodes, "on_time_error": 0.4}, DRIVE), 3e-3, start="steady")
+
     def test_hysteresis_modes_and_effects(self):
         stops = {"thresholds": [1e-9, 5e-9], "weights": [1e7, 5e6]}
         drive = {**DRIVE, "offset": 0.01}

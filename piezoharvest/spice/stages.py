@@ -216,7 +216,8 @@ def _write_extraction(
     deck.comment("The bridge is a diode in line with the coil, on either side of the electrodes by the pulse's sign.")
     deck.add(f"Bdraw p 0 I=-{side}*I(Vcoil)")
     deck.comment("Bfree: once the electrodes are empty, all diodes conduct, and their voltage stays at zero.")
-    deck.add(f"Bfree p 0 I={side}*{beyond}/{number(around)}")
+    # While the coil is connected: the pulse goes on longer, as its edges are not that sharp.
+    deck.add(f"Bfree p 0 I={side}*{beyond}/{number(around)}/(1+exp(-V(switchx)))")
     return power
 
 
