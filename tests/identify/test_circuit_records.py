@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from piezoharvest.bench import measure, write_campaign
+from piezoharvest.description.effects.nameless.forms import Monomial
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.places import Capacitor, Coupling
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import diagnose
 from piezoharvest.identify import growing_fit, identify
@@ -225,6 +228,27 @@ def test_ideal_diodes_at_rest(tmp_path, shunt, force):
     (block,) = predicted.blocks(derivatives=False, channels=["voltage"])
     voltage = block.values[:, 0]
     assert np.sqrt(np.mean((voltage - record["voltage"]) ** 2)) < 0.02 * np.ptp(record["voltage"])
+
+
+@pytest.mark.parametrize("law", [Capacitor(), Coupling()], ids=lambda place: place.name)
+def test_electrodes_beyond_ideal_diodes_are_discharged_beside_a_law_of_the_transducer(tmp_path, law):
+    """Its output is a part of the voltage that the diodes hold; without it they seemed to hold none."""
+    shunt = {**RECTIFIER, "diode_drop": 0.0}
+    (record, *_) = campaign(tmp_path, shunt, 1, duration=0.02, records=RECORDS[:1]).records
+    data = data_of(record, Transducer(**BENCH))
+    size = 1e-3 * (BENCH["capacitance"] if law.name == "capacitor" else BENCH["coupling"])
+    form = Monomial(factor=size, scale=1.0 if law.name == "capacitor" else 1e-3, exponent=3)
+    beside = Transducer(**BENCH, effects=(Law(place=law, form=form),))
+    plain = CircuitPrediction(Transducer(**BENCH), data.setting)
+    charged = np.where(np.isin(plain.nuisance_names, ["start q"]), 1.0, 0.0)
+    assert charged.any()
+    voltages = []
+    for each in (Transducer(**BENCH), beside):
+        (block,) = CircuitPrediction(each, data.setting, nuisance=charged).blocks(
+            derivatives=False, channels=["voltage"]
+        )
+        voltages.append(block.values)
+    assert np.abs(voltages[1] - voltages[0]).max() < 0.01 * np.ptp(voltages[0])
 
 
 def cut(signal):

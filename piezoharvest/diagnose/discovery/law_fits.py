@@ -278,9 +278,13 @@ def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
 
 
 def fitted(
-    problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
-) -> LawFit | None:
-    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
+    problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf,
+    most: int = ITERATIONS,
+) -> LawFit | None:  # fmt: skip
+    """Fit of a model with a law; a table's smoothness alternates with it. None where it has no solution.
+
+    With fewer iterations than a full fit takes, the smoothness stays.
+    """
     first = len(base.model.transducer.effects)
     parameters = [_while_recorded(p, law, visited) for p in law_parameters(law, first, deviation)]
     model = extended(base.model, [law], parameters)
@@ -288,7 +292,16 @@ def fitted(
         nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
     except (PredictionError, ParameterError, np.linalg.LinAlgError):
         return None
-    return _fitted_from(problem, base, model, nuisance, visited, deviation, aim)
+    return _fitted_from(problem, base, model, nuisance, visited, deviation, aim, most)
+
+
+def continued(
+    problem: Problem, base: Fit, law: LawFit, aim: float = np.inf, most: int = ITERATIONS
+) -> LawFit | None:  # fmt: skip
+    """As `fitted`, from where fewer iterations have come."""
+    model = law.found.model
+    deviation = model.parameters[law.tabled[0]].deviation if isinstance(law.form, TABLES) else np.inf
+    return _fitted_from(problem, base, model, law.found.nuisance, law.visited, deviation, aim, most)
 
 
 def with_moved_knots(problem: Problem, table: LawFit) -> LawFit | None:
@@ -307,7 +320,7 @@ def with_moved_knots(problem: Problem, table: LawFit) -> LawFit | None:
 
 def _fitted_from(
     problem: Problem, base: Fit, model: Model, nuisance: Sequence[np.ndarray], visited: np.ndarray, deviation: float,
-    aim: float = np.inf,
+    aim: float = np.inf, most: int = ITERATIONS,
 ) -> LawFit | None:  # fmt: skip
     """Fit of a model whose last effect is a law, with the noise and the whitening of another one."""
     done = None
@@ -315,14 +328,14 @@ def _fitted_from(
         try:
             found = fit(
                 problem, model, nuisance, base.noise, white=base.white, estimate_noise=False, enough=FIT_TOLERANCE,
-                most=ITERATIONS, aim=aim,
+                most=most, aim=aim,
             )  # fmt: skip
         except (PredictionError, ParameterError, np.linalg.LinAlgError):
             return done
         if not np.all(np.isfinite(found.information)):  # at values where the model overflows
             return done
         done = LawFit(found, visited)
-        if not isinstance(done.form, TABLES):
+        if not isinstance(done.form, TABLES) or most < ITERATIONS:
             return done
         better = smoothness(*done.normal).deviation
         if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:

@@ -16,6 +16,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
+from piezoharvest.diagnose.discovery.halving import halved
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import (
     FIT_TOLERANCE,
@@ -23,6 +24,7 @@ from piezoharvest.diagnose.discovery.law_fits import (
     LawFit,
     ScoredLaw,
     best_of,
+    continued,
     ended,
     fitted,
     score,
@@ -313,7 +315,12 @@ class _Fits:
     def try_all(self, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> None:
         """Fit laws; those that will not come close to the best so far are abandoned, or not begun."""
         problem, start = self.problem, self.start
-        most = OVER_SCORE if problem.needs_engine and mean_square(start) < thresholds.LARGE_MISFIT else np.inf
+        large = mean_square(start) > thresholds.LARGE_MISFIT
+        most = OVER_SCORE if problem.needs_engine and not large else np.inf
+        begun: dict[ScoredLaw, LawFit] = {}
+        if problem.needs_engine and large:
+            begun = dict(halved(problem, start, chosen, ENGINE_FITS, progress))
+            chosen = list(begun)
         tried = 0
         for n, each in enumerate(chosen):
             if problem.needs_engine and n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
@@ -322,7 +329,11 @@ class _Fits:
             if start.cost - most * each.gain > best + thresholds.CLOSE_COST or self._is_ruled_out(each):
                 continue
             aim = best + thresholds.CLOSE_COST
-            found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
+            found = (
+                continued(problem, start, begun[each], aim)
+                if each in begun
+                else fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
+            )
             tried += 1
             if found is None:
                 continue

@@ -40,6 +40,7 @@ MAX_DAMPING_REDUCTIONS = 4  # most reductions of the damping in a row without a 
 # Mean square of whitened residuals up to which valleys are followed: a trial fit of an effect that explains all ends at
 # one; from 1e5, where a law was missing, a base fit went along one to where no law was found any more.
 NEAR_NOISE = 10.0
+SHARES = (1.0, 0.5, 0.25, 0.12, 0.06)  # of a step, tried where the records cannot be predicted after the whole one
 MAX_RETURN_STEPS = 2  # most steps back to the bottom of a valley
 
 
@@ -204,7 +205,7 @@ class _Descent:
             self._end("converged", True)
             return False
         self.predictions += [] if self.rejected else [predicted]
-        there = self._tried(step)
+        there, predicted = self._predictable(step, predicted)
         better = there is not None and there.cost < here.cost
         if not better and np.any(self.bounds.starting):
             # A switch that acts once more or less at the very beginning changes the cost by any amount.
@@ -231,6 +232,17 @@ class _Descent:
         if self.loose:
             return max(1.0, ROUGH_TOLERANCE * self.here.squares)
         return max(self.enough, RELATIVE_TOLERANCE * (self.here.squares - self.count))
+
+    def _predictable(self, step: np.ndarray, predicted: float) -> tuple[Point | None, float]:
+        """Point after a step, or after a share of it where the records cannot be predicted at its end; its decrease.
+
+        A law that leaves what is possible, as a charge that falls with the voltage, tells nothing of its direction.
+        """
+        for share in SHARES:
+            there = self._tried(share * step)
+            if there is not None:
+                return there, share * (2.0 - share) * predicted
+        return None, predicted
 
     def _tried(self, step: np.ndarray) -> Point | None:
         """Point after a step; None if the records cannot be predicted there."""

@@ -148,8 +148,12 @@ def _holds(program: pg.Program, configuration: int, form: np.ndarray) -> bool:
     """True if a linear form of the state keeps its value in a configuration, as a voltage that diodes hold."""
     n = program.rate.shape[-2]
     rate = dual(program.rate[..., configuration, :, :], 2).value
-    terms = np.abs(form[:n]) @ np.abs(rate)
-    return bool(np.all(np.abs(form[:n] @ rate) <= ROUNDING * terms.max()))
+    change, terms = form[:n] @ rate, np.abs(form[:n]) @ np.abs(rate)
+    scale = np.real(np.reshape(program.exo_scale, (-1, len(form) - n))[0])
+    for k in range(0, pg.DERIVATIVES * len(program.element_power), pg.DERIVATIVES):
+        # An element's slope over time stands behind its value.
+        change[n + k + 1] += form[n + k] * scale[k + 1] / scale[k]
+    return bool(np.all(np.abs(change) <= ROUNDING * terms.max()))
 
 
 def _set_elements(program: pg.Program, z: np.ndarray) -> None:

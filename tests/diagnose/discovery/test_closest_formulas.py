@@ -221,3 +221,12 @@ def test_of_what_is_not_a_polynomial_the_curve_beside_one_is_found():
     assert sinh.factor / sinh.scale**3 == pytest.approx(1.0, rel=0.1)  # the cubic term
     straight = Shape(factor=1.0, scale=1.0, curve="sinh", bent=False)  # with the straight line beside it
     assert distance.line(straight) == pytest.approx(distance.line(true) + 1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("curve", ["tanh", "langevin"])
+def test_a_curve_is_no_sharper_than_its_table_tells(curve):
+    """A jump at zero is the limit of a scale of zero, where a fit would have no slope to any other."""
+    step = Shape(factor=1.0, scale=1e-9, curve=curve, bent=False)
+    table = table_of(Load(), step)
+    x = Distance(table).x
+    assert like(step, table).form.scale >= 0.99 * np.abs(x[x != 0.0]).min()

@@ -1,5 +1,8 @@
 """Which laws are fitted, which effects beside them are dropped, and which get the name of a known effect."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from nameless import Drive, Laws, nameless_campaign
@@ -32,6 +35,7 @@ from piezoharvest.description.effects.nameless.places import (
     Spring,
 )
 from piezoharvest.description.shunts import Resistor
+from piezoharvest.diagnose.discovery import halving
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
 from piezoharvest.diagnose.discovery.search import FITS, promising
@@ -126,6 +130,29 @@ def _beside_a_rider(campaign):
 
 
 @pytest.mark.slow
+def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch):
+    """Not by their scores: the law with the least one goes down fastest; one that explains nothing goes at once."""
+    places = [Spring(), Damper(), Electrodes(), Load(), Capacitor(), Coupling()]
+    smoothness = Smoothness(deviation=1.0, gain=1.0)
+    scored = [ScoredLaw(Law(place=place, form=Line(factor=0.0)), np.ones(1), smoothness) for place in places]
+    rates = dict(zip((place.name for place in places), (0.0, 1.0, 2.0, 3.0, 4.0, 9.0), strict=True))
+    done = []
+
+    def at(name, most):
+        done.append((name, most))
+        return SimpleNamespace(name=name, found=SimpleNamespace(cost=100.0 - rates[name] * most))
+
+    monkeypatch.setattr(halving, "fitted", lambda problem, start, law, *_, most: at(law.place.name, most))
+    monkeypatch.setattr(halving, "continued", lambda problem, start, begun, most: at(begun.name, most))
+    start: Any = SimpleNamespace(cost=100.0)
+    problem: Any = None
+    found = halving.halved(problem, start, scored, 2, lambda message: None)
+    few, more = halving.ROUNDS
+    best = ["coupling", "capacitor", "load"]
+    assert done == [*((place.name, few) for place in places), *((name, more) for name in best)]
+    assert [each.law.place.name for each, _ in found] == best[:2]
+
+
 def test_an_effect_that_does_nothing_for_unseen_records_beside_a_law_is_dropped(tmp_path):
     """A load that conducts beyond 2.19 V, with a stiffening that was found while the load was not known."""
     records = [

@@ -27,7 +27,7 @@ from piezoharvest.diagnose.discovery.verdict import _with_drop_free
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.setting import circuit_setting
-from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.predict.parameters import STEP, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 DRIVE = Drive((0.05,), (49.5,))
@@ -343,3 +343,19 @@ def test_diodes_of_a_constant_drop_by_their_label_are_found_to_follow_shockley(t
     for name, true in (("factor", EMISSION), ("scale", SATURATION), ("resistance", SERIES)):
         value, std, _ = law.parameters[name]
         assert abs(value - true) < 3.0 * std, name
+
+
+@pytest.mark.parametrize("curve", ["tanh", "exponential"])
+def test_a_curve_that_comes_to_its_end_far_below_the_largest_current_has_derivatives(curve):
+    """Far out its second derivative is zero, whose root has no derivative: the fit of such a law did not move."""
+    scale, apart, place = -2e-4 if curve == "exponential" else 2e-4, 1e-4, PLACES["switch_loop"]
+
+    def points(scale):
+        return [np.ravel(each) for each in place.points(put(form, ("scale",), scale))]
+
+    form = Shape(factor=0.8, scale=scale, curve=curve, bent=False)
+    found = [np.imag(each) / STEP for each in points(scale + 1j * STEP)]
+    above, below = points(scale * (1.0 + apart)), points(scale * (1.0 - apart))
+    for slope, more, less in zip(found, above, below, strict=True):
+        apart_by = np.real(more - less) / (2.0 * apart * scale)
+        np.testing.assert_allclose(slope, apart_by, rtol=0.0, atol=1e-3 * np.abs(apart_by).max())

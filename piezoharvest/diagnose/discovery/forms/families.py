@@ -37,6 +37,7 @@ STEPS = 48  # start values of its moment, evenly over the samples: a few between
 STRAIGHT, CURVED = EPSILON ** (-1 / 2), EPSILON ** (-1 / 3)
 SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input, beside the largest
 EXCESSES, SPEEDS = (-0.8, 0.1, 0.5, 2.0), (0.05, 0.15, 0.4)  # start values of another friction near zero
+SATURATING = ("exponential", "tanh", "langevin")  # curves that come to an end, the first on one side
 SATURATION_CURRENTS = (1e-5, 1e-4, 1e-3, 1e-2)  # further ones of a logarithm over a current, as that of a diode
 
 
@@ -56,7 +57,7 @@ def families(table: LawFit, distance: Distance) -> Iterator[Family | tuple[Famil
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
     yield from _knees(table, distance, sides)
-    yield from _curves(table, size)
+    yield from _curves(table, distance, size)
 
 
 def _step(table: LawFit) -> Family:
@@ -121,9 +122,14 @@ def _powers(size: float, sides: list[int]) -> Iterator[Family | tuple[Family, ..
             yield Family(Hertz(factor=0.0, exponent=exponent, scale=size, odd=False, side=side))
 
 
-def _curves(table: LawFit, size: float) -> Iterator[Family | tuple[Family, ...]]:
-    """Curves with a scale, which equations have as broken lines."""
+def _curves(table: LawFit, distance: Distance, size: float) -> Iterator[Family | tuple[Family, ...]]:
+    """Curves with a scale, which equations have as broken lines.
+
+    One that has come to its end before the least input is a constant: a table cannot tell it from sharper ones, in
+    which a fit would begin with no slope to any other scale.
+    """
     place = table.place
+    sharpest = float(np.min(np.abs(distance.x[distance.x != 0.0]))) / size
     for curve, bent in product(SCALED, (False, True) if of_itself(place) else (table.law.bent,)):
         most = CURVED if bent else STRAIGHT
         shares = (*SCALES, most, *SATURATION_CURRENTS * (place.in_circuit and curve == "log"))
@@ -133,6 +139,7 @@ def _curves(table: LawFit, size: float) -> Iterator[Family | tuple[Family, ...]]
                 Shape(factor=0.0, scale=sign * size, curve=curve, bent=bent),
                 lambda c, u, s=sign: {"factor": c[0], "scale": s * size * np.exp(u[0])},
                 column(np.log(shares)),
+                least=np.log(sharpest) if curve in SATURATING else -np.inf,
                 most=np.log(most),
             )
             for sign in ((1.0, -1.0) if curve == "exponential" else (1.0,))

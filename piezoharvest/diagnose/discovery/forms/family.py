@@ -32,8 +32,8 @@ class Family:
         are such that the form is within its bounds for any: logarithms of what must be above zero.
     starts : (s, d) array
         Where those begin, of a smooth family.
-    most : float
-        Largest allowed one of the values that are varied.
+    least, most : float
+        Least and largest allowed one of the values that are varied.
     factors : int
         Number m of factors.
     knees : tuple of d (b,) arrays
@@ -45,6 +45,7 @@ class Family:
     form: Form
     fields: Fields = _factor
     starts: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)))
+    least: float = -np.inf
     most: float = np.inf
     factors: int = 1
     knees: tuple[np.ndarray, ...] = ()

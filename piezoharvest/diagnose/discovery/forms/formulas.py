@@ -59,7 +59,7 @@ def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Fo
     At least `most` of the formulas closest to the table are fitted, and of them those of a kind.
     """
     tried = [table]
-    coarse = mean_square(table.found) > TABLE_IS_COARSE and not problem.needs_engine
+    coarse = mean_square(table.found) > TABLE_IS_COARSE
     count = REFITTED_BEYOND_TABLE if coarse else REFITTED
     count *= 2 if of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
     most = max(most, count)

@@ -61,7 +61,7 @@ class Members:
         residual = distance.found - np.einsum("akm,am->ak", columns, factors)
         slope = np.einsum("akmd,am->akd", slopes, factors)
         slope = slope - columns @ (inverse @ slope)  # what the factors cannot make up for
-        fine = np.any(columns, axis=(1, 2)) & np.all(u <= family.most, axis=1)
+        fine = np.any(columns, axis=(1, 2)) & np.all((u >= family.least) & (u <= family.most), axis=1)
         return cls(u.copy(), factors, residual, slope, np.where(fine, np.sum(residual**2, axis=1), np.inf))
 
     @property
