@@ -64,7 +64,11 @@ def amplified(voltage):
 
 
 @pytest.mark.parametrize(
-    ("seed", "duration"), [(5, 0.5), *(pytest.param(seed, DURATION, marks=pytest.mark.slow) for seed in (5, 6))]
+    ("seed", "duration"),
+    [
+        pytest.param(5, 0.5, marks=pytest.mark.recovery_long),
+        *(pytest.param(seed, DURATION, marks=pytest.mark.slow) for seed in (5, 6)),
+    ],
 )
 def test_an_amplifier_of_alternating_voltages(seed, duration):
     """It shows the voltage minus its lag: as a share of what the lag is behind it would need an infinite gain."""
