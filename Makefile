@@ -1,5 +1,6 @@
 # make demo   install on first use and write the demonstration to demo-report/: designed, measured, diagnosed, designed again
 # make test   run the quick tests (5 to 10 minutes on two cores)
+# make recovery_long  run the long searches for what is missing, which `make test` leaves out and .ci/run runs (a minute)
 # make slow   run the tests that take long, which `make test` leaves out (17 minutes on two cores)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 to 6 minutes)
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in docs/validation.md (10 minutes)
@@ -25,7 +26,7 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 	tests/sweep/test_sweep_results.py tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py \
 	tests/identify/test_loops.py tests/engine/test_vector.py
 
-.PHONY: demo docs test slow lowest bench paper actuators recovery discovery torture coverage check clean
+.PHONY: demo docs test recovery_long slow lowest bench paper actuators recovery discovery torture coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -35,7 +36,10 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # One process runs all tests of a file, so that what they share is made once.
 test: .venv/.tested
-	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m 'not slow'
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m 'not slow and not recovery_long'
+
+recovery_long: .venv/.tested
+	$(BIN)/python -m pytest -n 2 -q -m 'recovery_long and not slow' tests/diagnose tests/identify
 
 slow: .venv/.tested
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m slow

@@ -1,4 +1,4 @@
-"""Threads: linear algebra without them, for small matrices for which they cost time; and cores for records."""
+"""Threads: linear algebra without them, for small matrices for which they cost time; and those that share records."""
 
 from __future__ import annotations
 
@@ -18,6 +18,15 @@ def cores() -> int:
     """Number of cores that this process may use."""
     allowed = getattr(os, "sched_getaffinity", None)
     return len(allowed(0)) if allowed else os.cpu_count() or 1
+
+
+def threads_for_records() -> int:
+    """Number of records that this process may evaluate at a time: one for each core, or as `OMP_NUM_THREADS` says.
+
+    Worker processes are told to use one: where each core has a process, threads in it only wait for each other.
+    """
+    told = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return min(int(told), cores()) if told.isdecimal() and int(told) > 0 else cores()
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:

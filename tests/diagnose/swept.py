@@ -1,5 +1,7 @@
 """Campaigns of swept forces on a cantilever with one load, by SciPy: with noise, and with what a test hides in them."""
 
+from functools import cache
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
@@ -13,8 +15,12 @@ RATE, DURATION, LOAD = 4000.0, 1.0, 150e3  # Hz, s, ohm
 SWEEPS = [(40.0, 160.0), (60.0, 130.0), (160.0, 50.0)]  # Hz
 
 
+@cache
 def motion(amplitude, sweep, duration, leakage=np.inf, spring=lambda x: 0.0):
-    """Force, displacement and voltage by an explicit Runge-Kutta method of order 8; `spring` is a force beside k x."""
+    """Force, displacement and voltage by an explicit Runge-Kutta method of order 8; `spring` is a force beside k x.
+
+    It is made once for all tests of a file that differ in their noise.
+    """
     m, b, k, coupling, c = TRUE.values()
     time, ohm = np.arange(round(RATE * duration)) / RATE, 1.0 / (1.0 / LOAD + 1.0 / leakage)
     shape = linear_sweep(sweep[0], duration, sweep[1])
@@ -51,7 +57,8 @@ def campaign(
     rng, records = np.random.default_rng(seed), []
     shares = {"force_N": 0.0 if kind == "of the reading" else 1e-3, "displacement_m": 5e-3, "voltage_V": 5e-3}
     for n, (amplitude, sweep) in enumerate(zip(amplitudes, SWEEPS, strict=True)):
-        time, exact = motion(amplitude, sweep, duration, **faults)
+        time, moved = motion(amplitude, sweep, duration, **faults)
+        exact = dict(moved)
         if crosstalk is not None:
             exact["displacement_m"] = exact["displacement_m"] + crosstalk(time, exact["voltage_V"])
         exact["voltage_V"] = read(exact["voltage_V"])

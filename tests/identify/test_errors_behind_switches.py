@@ -38,7 +38,13 @@ def _deviations(path, seed):
     return [(each.value - getattr(true, each.parameter.name)) / each.std for each in found.estimates]
 
 
-@pytest.mark.parametrize("seeds", [range(100, 104), pytest.param(range(110, 140), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        pytest.param(range(100, 103), marks=pytest.mark.recovery_long),
+        pytest.param(range(110, 140), marks=pytest.mark.slow),
+    ],
+)
 def test_values_lie_within_their_standard_errors(seeds, tmp_path):
     path = tmp_path / "harvest.toml"
     path.write_text(files("piezoharvest.cli").joinpath("templates", "harvest.toml").read_text())

@@ -11,7 +11,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.report.diagnosis import write_diagnosis
 
 TRUE = {"mass": 0.0123, "damping": 0.21, "stiffness": 4200.0, "coupling": 2.1e-3, "capacitance": 62e-9}
-RATE, DURATION, LOAD, CUBIC = 2000.0, 1.0, 150e3, 6e8
+RATE, DURATION, LOAD, CUBIC = 2000.0, 0.5, 150e3, 6e8
 SWEEP = linear_sweep(50.0, DURATION, 130.0)  # Hz
 
 

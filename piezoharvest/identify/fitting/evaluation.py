@@ -16,7 +16,7 @@ from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.circuit.setting import by_engine
-from piezoharvest.threads import cores
+from piezoharvest.threads import threads_for_records
 
 R = TypeVar("R")
 
@@ -72,11 +72,11 @@ def scattered_sums(
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
-    """Results of a function for every record and its arguments, as many at a time as there are cores."""
-    arguments = list(zip(*each, strict=True))
-    if len(arguments) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
-        return (function(*arguments[0]),)
-    with ThreadPoolExecutor(cores()) as pool:
+    """Results of a function for every record and its arguments, as many at a time as there are threads for them."""
+    arguments, threads = list(zip(*each, strict=True)), threads_for_records()
+    if len(arguments) == 1 or threads == 1:  # a thread's memory is kept for the next one: it adds up for a long record
+        return tuple(function(*some) for some in arguments)
+    with ThreadPoolExecutor(threads) as pool:
         return tuple(pool.map(function, *zip(*arguments, strict=True)))
 
 

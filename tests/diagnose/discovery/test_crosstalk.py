@@ -58,15 +58,21 @@ BLOCKED = 4e-3  # s, time constant of an amplifier of alternating voltages: 40 H
 
 
 def amplified(voltage):
-    time = np.arange(round(RATE * DURATION)) / RATE
+    time = np.arange(len(voltage)) / RATE
     fine = np.linspace(0.0, time[-1], FINER * (len(time) - 1) + 1)  # between which lsim takes a straight line
     return lsim(([BLOCKED, 0.0], [BLOCKED, 1.0]), CubicSpline(time, voltage)(fine), fine)[1][::FINER]
 
 
-@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
-def test_an_amplifier_of_alternating_voltages(seed):
+@pytest.mark.parametrize(
+    ("seed", "duration"),
+    [
+        pytest.param(5, 0.5, marks=pytest.mark.recovery_long),
+        *(pytest.param(seed, DURATION, marks=pytest.mark.slow) for seed in (5, 6)),
+    ],
+)
+def test_an_amplifier_of_alternating_voltages(seed, duration):
     """It shows the voltage minus its lag: as a share of what the lag is behind it would need an infinite gain."""
-    found = diagnose(campaign("white", seed, read=amplified))
+    found = diagnose(campaign("white", seed, read=amplified, duration=duration))
     assert found.verdict == "new_effect", (found.verdict, found.effects)
     (discovery,) = found.discovery
     law = discovery.law

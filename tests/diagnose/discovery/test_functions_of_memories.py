@@ -126,6 +126,7 @@ RECORDS = [
 ]  # fmt: skip
 
 
+@pytest.mark.recovery_long
 def test_a_saturating_maxwell_element_is_found_with_its_formula(tmp_path):
     read = lambda drive, load: device_with(TRUE["spring"][0], 1, drive, load, SPAN, 2000.0)  # noqa: E731
     problem, before = fitted_without_law(campaign_of(tmp_path, "beam", read, RECORDS[:3]))

@@ -39,6 +39,7 @@ def saturating(x):
     return 0.6 * np.tanh(x / 4e-4)
 
 
+@pytest.mark.recovery_long
 def test_what_small_drives_show_is_fitted_to_all_records():
     """0.6 N tanh(x/0.4 mm): the model without it was in the other motion, and a table at the capacitor did best."""
     before = identify(campaign("white", 1, spring=saturating))

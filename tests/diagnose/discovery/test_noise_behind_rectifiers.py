@@ -37,7 +37,13 @@ def healthy(seed):
     return Campaign.from_arrays(nominal, records)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4))])
+SEEDS = [
+    pytest.param(1, marks=pytest.mark.recovery_long),
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4)),
+]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_the_slow_error_of_the_dc_voltage_is_noise(seed):
     """With the sensors' noise alone, slow residuals had ten times their variance, and a search took minutes."""
     diagnosis = diagnose(healthy(seed))
