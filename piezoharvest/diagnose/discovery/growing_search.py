@@ -18,7 +18,7 @@ from piezoharvest.diagnose.discovery.forms.formulas import as_table, beside, ran
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import FIT_TOLERANCE, ITERATIONS, TABLES, LawFit, best_of, ended
 from piezoharvest.diagnose.discovery.search import MIN_SCORE, Found, can_search, search, with_all_free, with_its_noise
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import excess_of, fit, mean_square

@@ -17,8 +17,8 @@ from piezoharvest.description.effects.nameless.places import LoadCurrent, Place
 from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.discovery.knots import moved
-from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
+from piezoharvest.diagnose.discovery.tables.knots import moved
+from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness, projected, smoothness
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

@@ -14,12 +14,12 @@ import numpy as np
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, fitted, score
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.search import MIN_SCORE
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.knots import table_for
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
 

@@ -29,7 +29,7 @@ from piezoharvest.description.effects.nameless.places import (
 )
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.description.shunts.linear.resistor import Resistor
-from piezoharvest.diagnose.discovery.visited import Visited
+from piezoharvest.diagnose.discovery.tables.visited import Visited
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
 

@@ -17,7 +17,6 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.forms.formulas import ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.halving import halved
-from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import (
     FIT_TOLERANCE,
     TABLES,
@@ -40,7 +39,8 @@ from piezoharvest.diagnose.discovery.memories.in_loops import from_more_times
 from piezoharvest.diagnose.discovery.memories.scores import at_null, memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import every_place, over_campaign
-from piezoharvest.diagnose.discovery.visited import Visited, visited_inputs
+from piezoharvest.diagnose.discovery.tables.knots import table_for
+from piezoharvest.diagnose.discovery.tables.visited import Visited, visited_inputs
 from piezoharvest.diagnose.selection.start_values import CampaignScales, campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit

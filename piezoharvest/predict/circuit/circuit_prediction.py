@@ -27,6 +27,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
+from piezoharvest.engine.work_limit import Budget
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms, state_names
 from piezoharvest.predict.circuit.effect_groups import by_groups
@@ -52,6 +53,9 @@ MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all bu
 # Edges of a gate that are fitted: the time for a derivative grows with their number. Of more of them, each is known to
 # a smaller share of what the record tells of the parameters, and samples near them count less (`event_noise`).
 MAX_EDGES = 200
+# Work limit of a record: of the least, and more for each sample. With a law of the transducer one takes up to 50,000
+# (measured in two circuits); a charge that hardly rises with the voltage, which a fit may try, takes any amount.
+LEAST_WORK, WORK_OF_SAMPLE = 500_000_000, 200_000
 
 
 class CircuitPrediction:
@@ -187,6 +191,8 @@ class CircuitPrediction:
                 found = lower(System(self._stepped, self._shunt), excitation, self.record_time)
         except ParameterError as error:  # values that a fit tried have no equilibrium
             raise PredictionError(str(error)) from None
+        if excitation.samples > 2:
+            found = found._replace(budget=Budget(LEAST_WORK + WORK_OF_SAMPLE * int(excitation.samples)))
         return SampledSystem(found._replace(program=_magnified(found.program)), len(self.parameters))
 
     @cached_property

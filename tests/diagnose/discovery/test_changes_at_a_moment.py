@@ -14,11 +14,11 @@ from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.discovery.forms.formulas import recorded
 from piezoharvest.diagnose.discovery.forms.moments import better_moment
-from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import fitted
 from piezoharvest.diagnose.discovery.places import every_place, places_of
 from piezoharvest.diagnose.discovery.search import search
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.knots import table_for
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify
 from piezoharvest.identify.preparation import prepared

@@ -19,7 +19,7 @@ from piezoharvest.diagnose.discovery.forms.distance import CurveDistance, Distan
 from piezoharvest.diagnose.discovery.forms.families import families
 from piezoharvest.diagnose.discovery.forms.family import Family, column
 from piezoharvest.diagnose.discovery.forms.projection import Members
-from piezoharvest.diagnose.discovery.knots import pieces_of, table_for
+from piezoharvest.diagnose.discovery.tables.knots import pieces_of, table_for
 
 DIODE, CAMPAIGN = Diode(reach=1.0), OverTime(parameter="stiffness", of="campaign_time")
 SAMPLES = 4000.0

@@ -16,12 +16,12 @@ from piezoharvest.description.effects.nameless.places import Capacitor, Coupling
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose.discovery.effect_file import save_effect
-from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import best_of, fitted, without_effect
 from piezoharvest.diagnose.discovery.memories.functions import functions_of_memories
 from piezoharvest.diagnose.discovery.result import as_json, discovery
 from piezoharvest.diagnose.discovery.search import search
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.knots import table_for
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 

@@ -39,7 +39,7 @@ from piezoharvest.diagnose.discovery import halving
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
 from piezoharvest.diagnose.discovery.search import FITS, promising
-from piezoharvest.diagnose.discovery.smoothness import Smoothness
+from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness
 from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
 from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import fit

@@ -12,7 +12,7 @@ from piezoharvest.description.effects.nameless.places import OverTime, Reading
 from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import fitted
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify

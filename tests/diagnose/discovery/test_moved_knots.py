@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.description.effects.nameless.places import Electrodes, Spring
-from piezoharvest.diagnose.discovery.knots import moved, table_for
+from piezoharvest.diagnose.discovery.tables.knots import moved, table_for
 
 X = np.linspace(-1.0, 1.0, 2001)
 

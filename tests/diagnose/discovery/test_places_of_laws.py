@@ -17,7 +17,7 @@ from piezoharvest.description.shunts.curves.voltage_curve import VoltageCurve
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, law_parameters
 from piezoharvest.diagnose.discovery.memories.scores import memories_at
 from piezoharvest.diagnose.discovery.search import promising
-from piezoharvest.diagnose.discovery.smoothness import Smoothness
+from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness
 
 DEVICE = Transducer(mass=0.01, damping=0.1, stiffness=1000.0, coupling=1e-3, capacitance=4e-8)
 CONDUCTION = Law(place=Load(), form=Corners(knots=(0.0, -0.0), kinks=(1e-6, -1e-6)))

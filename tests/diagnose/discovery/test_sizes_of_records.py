@@ -11,7 +11,7 @@ from piezoharvest.description.effects.nameless.forms import Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.places import PARAMETERS_OVER_TIME, OverTime
 from piezoharvest.diagnose.discovery.places import places_of
-from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify

@@ -180,9 +180,9 @@ def _where_it_bends(form: Form, reach: float) -> np.ndarray:
     Practical Guide to Splines, 2001, chapter III). They move with complex steps of the curve's values.
     """
     grid = reach * np.concatenate([[0.0], np.geomspace(LEAST_CORNER, 1.0, STEPS)])
-    bend: Any = np.gradient(np.gradient(form.values(grid), grid, axis=-1), grid, axis=-1)
-    bend = np.where(np.real(bend) < 0.0, -1.0, 1.0) * bend
-    most = np.take_along_axis(bend, np.argmax(np.real(bend), axis=-1)[..., None], axis=-1)
+    second: Any = np.gradient(np.gradient(form.values(grid), grid, axis=-1), grid, axis=-1)
+    bend: np.ndarray = np.where(np.real(second) < 0.0, -1.0, 1.0) * second
+    most = np.take_along_axis(bend, np.argmax(np.real(bend), axis=-1, keepdims=True), axis=-1)
     dense: np.ndarray = np.sqrt(bend + LEAST_BEND * most)
     parts = 0.5 * (dense[..., 1:] + dense[..., :-1]) * np.diff(grid)
     total = np.concatenate([0.0 * parts[..., :1], np.cumsum(parts, axis=-1)], axis=-1)

@@ -8,8 +8,8 @@ from piezoharvest.description.effects import DiodeDropError
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.discovery.knots import pieces_of
 from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.diagnose.discovery.tables.knots import pieces_of
 from piezoharvest.predict.parameters import Path
 
 GAP = 10.0  # times the median distance of two samples: more is between two records

@@ -26,8 +26,8 @@ from piezoharvest.diagnose.discovery.forms.distance import (
 )
 from piezoharvest.diagnose.discovery.forms.families import STEP_WIDTH, families
 from piezoharvest.diagnose.discovery.forms.moments import better_moment
-from piezoharvest.diagnose.discovery.knots import pieces_of, table_for
 from piezoharvest.diagnose.discovery.law_fits import OWN, TABLES, LawFit, fitted, without_law
+from piezoharvest.diagnose.discovery.tables.knots import pieces_of, table_for
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem

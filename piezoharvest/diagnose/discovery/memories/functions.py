@@ -25,11 +25,11 @@ from piezoharvest.description.effects.nameless.memory import (
 from piezoharvest.description.effects.nameless.places import Damper, Place, Reading, Spring
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, ScoredLaw, best_of, fitted, score, without_law
 from piezoharvest.diagnose.discovery.memories.scores import plays
 from piezoharvest.diagnose.discovery.passivity import takes_energy
-from piezoharvest.diagnose.discovery.visited import inputs_of_records
+from piezoharvest.diagnose.discovery.tables.knots import table_for
+from piezoharvest.diagnose.discovery.tables.visited import inputs_of_records
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP, Fit

@@ -20,8 +20,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw, known_before, law_parameters
 from piezoharvest.diagnose.discovery.places import ACTING
-from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
-from piezoharvest.diagnose.discovery.visited import Visited
+from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness, projected
+from piezoharvest.diagnose.discovery.tables.visited import Visited
 from piezoharvest.diagnose.selection.score_tests import extended
 from piezoharvest.diagnose.selection.start_values import CampaignScales
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
