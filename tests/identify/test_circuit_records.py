@@ -14,6 +14,11 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import diagnose
 from piezoharvest.identify import growing_fit, identify
 from piezoharvest.identify.fitting.data import data_of
+from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.start_values import quasi_static
 from piezoharvest.identify.start_values.multistart import fit_multistart
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.records import CampaignError, load_campaign
@@ -281,3 +286,21 @@ def test_a_channel_of_a_dc_side_that_is_not_there(tmp_path):
     found.path.write_text(head + '[records.shunt]\nkind = "resistor"\nresistance = 1e5\n')
     with pytest.raises(CampaignError, match="found a channel dc_voltage behind resistor"):
         identify(load_campaign(found.path))
+
+
+def test_the_quasi_static_specimen_is_given_up_where_it_will_leave_more(tmp_path, monkeypatch):
+    """Of a beam at its resonance it cannot be as good: its fit took most of the time of an identification."""
+    ends = []
+
+    def fitted(*arguments, **options):
+        found = fit(*arguments, **options)
+        ends.append(found.message)
+        return found
+
+    before = identify(campaign(tmp_path, RECTIFIER, 1, duration=0.2))
+    monkeypatch.setattr(quasi_static, "fit", fitted)
+    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
+    still = quasi_static.as_quasi_static(before.campaign.transducer)
+    slow = Problem(prepared(replace(before.campaign, transducer=still), "fit"), still, before.offsets)
+    assert quasi_static.quasi_static_fit(problem, slow, before.found) is None
+    assert ends == [GIVEN_UP]

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from scipy.stats import chi2
 
-from piezoharvest.description.effects import DiodeDropError, Effect
+from piezoharvest.description.effects import DiodeDropError, Effect, registered
 from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import (
+    MOST_EXPLAINED,
     RIVALS,
     Found,
     can_search,
@@ -27,6 +29,8 @@ from piezoharvest.diagnose.discovery.search import (
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
 from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.score_tests import effect_parameters, starts_of
+from piezoharvest.diagnose.selection.start_values import campaign_scales
 from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
 from piezoharvest.identify.fitting.data import Data
@@ -39,6 +43,8 @@ from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
+Seek = Callable[[Problem, Fit, Callable[[str], None]], Found | None]
+ALIKE = 0.99  # of what the best effect explains: less than laws that look alike are apart
 MAX_LAWS = 2  # laws that are sought one after the other
 
 
@@ -83,8 +89,9 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     Where they explain all but a little of a large misfit they are right: it begins with them, as without them the
     parameters are too far off for the fit of any law.
     Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
-    nowhere, as the nominal values may be wrong, where they went. Where the misfit is large, what changes within the
-    campaign and then records with smaller drives are looked at before all of them.
+    nowhere, as the nominal values may be wrong, where they went; behind diodes and switches first where more is
+    explained. Where the misfit is large, what changes within the campaign and then records with smaller drives are
+    looked at before all of them, and at last one effect alone is kept that explains most of it.
 
     Parameters
     ----------
@@ -98,12 +105,15 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     if not can_search(problem):
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
-    starts = [*([nominal.found] if nominal else []), done.base, *([done.final] if done.nested else [])]
+    starts = [*([nominal.found] if nominal else []), done.base]
+    if problem.needs_engine:  # a search takes minutes there, and from far away its fits stay in another motion
+        starts.sort(key=lambda each: each.cost)
+    starts += [done.final] if done.nested else []
     free = *before.held, *done.base.model.parameters
     first = [(search_campaign, done.base), (partial(search_growing, given=free), done.base)]
     ways = [*first, *((search, each) for each in starts)]
     ways = [(search, done.final), *ways[:-1]] if _dominant(done) else ways
-    for seek, begun in ways:
+    for seek, begun in chain(ways, _beside_one_effect(trials, done)):
         start = _with_drop_free(trials, begun)
         found = found_laws(campaign, before, problem, start, progress, seek, free)
         if found is not None:
@@ -118,6 +128,27 @@ def _dominant(done: Search) -> bool:
     explained = done.base.cost - done.final.cost
     large = mean_square(done.base) > thresholds.LARGE_MISFIT
     return bool(done.nested) and large and explained > thresholds.MIN_DOMINANT_SHARE * excess_of(done.base)
+
+
+def _beside_one_effect(trials: CandidateFits, done: Search) -> Iterator[tuple[Seek, Fit]]:
+    """Searches beside the one effect that explains most of a large misfit: of those that explain as much the simplest.
+
+    Beside a law the search for named effects may have dropped it, or have taken another in its place.
+    """
+    base, given = done.base, done.given_effects
+    names = {each.names: tuple(each.names.split(" + "))[given:] for each in done.fits}
+    alone = {names[each.names][0]: -each.change for each in done.fits if len(names[each.names]) == 1}
+    most = max(alone.values(), default=0.0)
+    if mean_square(base) <= thresholds.LARGE_MISFIT or most < MOST_EXPLAINED * excess_of(base):
+        return
+    kinds = [registered()[name] for name, explained in alone.items() if explained > ALIKE * most]
+    starts = starts_of(campaign_scales(trials.problem.data, base), base, kinds)
+    simplest = min((len(effect_parameters([each], 0)) for each in starts), default=0)
+    chosen = [each for each in starts if len(effect_parameters([each], 0)) == simplest]
+    fits = (trials.extended(EffectChange(base), each, np.inf) for each in chosen)
+    best = min((each for each in fits if each is not None), key=lambda each: each.cost, default=None)
+    if best is not None and best.effects != EffectChange(done.final).effects:
+        yield from ((seek, best.found) for seek in (search_campaign, search))
 
 
 def _with_drop_free(trials: CandidateFits, start: Fit) -> Fit:
@@ -169,7 +200,7 @@ class _Laws:
 
 def found_laws(
     campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None],
-    seek: Callable[[Problem, Fit, Callable[[str], None]], Found | None] = search, given: Sequence[Parameter] = (),
+    seek: Seek = search, given: Sequence[Parameter] = (),
 ) -> _Laws | None:  # fmt: skip
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
 

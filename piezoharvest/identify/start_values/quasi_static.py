@@ -87,12 +87,13 @@ def quasi_static_fit(problem: Problem, quasi_static: Problem, found: Fit) -> Fit
     """
     if any(data.drive == "base_acceleration" for data in problem.data if isinstance(data, Data)):
         return None  # the mass shows in the gain
-    other = _fit_quasi_statically(problem, quasi_static, found)
+    wanted = MIN_DECREASE * max(1.0, mean_square(found))  # relative to the residuals, if these exceed noise
+    above = resonance_above_nyquist(problem, found.model.transducer)
+    aim = np.inf if above else sum(float(sums.squares.sum()) for sums in found.sums) + wanted
+    other = _fit_quasi_statically(problem, quasi_static, found, aim)
     if other is None:
         return None
-    wanted = MIN_DECREASE * max(1.0, mean_square(found))  # relative to the residuals, if these exceed noise
-    as_well = excess_of(other) < excess_of(found) + wanted
-    return other if as_well or resonance_above_nyquist(problem, found.model.transducer) else None
+    return other if above or excess_of(other) < excess_of(found) + wanted else None
 
 
 def comes_to_rest(problem: Problem) -> bool:
@@ -159,18 +160,23 @@ def is_far_from_quasi_static(problem: Problem, beginnings: Problem, found: Fit) 
     return other is None or mean_square(other) > FAR * max(1.0, mean_square(found))
 
 
-def _fit_quasi_statically(problem: Problem, quasi_static: Problem, found: Fit) -> Fit | None:
-    """Fit of the quasi-static specimen from that of another one; None if it cannot follow the records."""
+def _fit_quasi_statically(problem: Problem, quasi_static: Problem, found: Fit, aim: float = np.inf) -> Fit | None:
+    """Fit of the quasi-static specimen from that of another one; None if it cannot follow the records.
+
+    It is given up where it will not come to the value `aim` of -2 ln L.
+    """
     still = as_quasi_static(found.model.transducer)
     model = replace(found.model, transducer=still, parameters=_without_inert(found.model))
     nuisance = nuisance_for_problem(problem, found.nuisance, quasi_static, model)
-    return _fit_if_followed(quasi_static, model, nuisance, found)
+    return _fit_if_followed(quasi_static, model, nuisance, found, aim)
 
 
-def _fit_if_followed(problem: Problem, model: Model, nuisance: Sequence[np.ndarray], found: Fit) -> Fit | None:
+def _fit_if_followed(
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], found: Fit, aim: float = np.inf
+) -> Fit | None:  # fmt: skip
     """Fit with the noise of another one; None if the model cannot follow the records."""
     try:
-        return fit(problem, model, nuisance, found.noise, estimate_noise=False)
+        return fit(problem, model, nuisance, found.noise, estimate_noise=False, aim=aim)
     except (PredictionError, np.linalg.LinAlgError):
         return None
 

@@ -164,9 +164,10 @@ def _set_elements(program: pg.Program, z: np.ndarray) -> None:
     scale = np.real(np.reshape(program.exo_scale, (-1, len(z) - n))[0])
     inputs = np.real(np.reshape(program.element_z, (-1, *program.element_z.shape[-3:]))[0])
     elements = [_element(program, k) for k in range(len(program.element_power))]
-    for _ in range(ITERATIONS):
-        for k, element in enumerate(elements):
-            z[n + pg.DERIVATIVES * k] = element.at_start(*(inputs[k] @ z)) / scale[pg.DERIVATIVES * k]
+    with np.errstate(over="ignore", invalid="ignore"):  # of a law that a fit tried; then the engine finds no solution
+        for _ in range(ITERATIONS):
+            for k, element in enumerate(elements):
+                z[n + pg.DERIVATIVES * k] = element.at_start(*(inputs[k] @ z)) / scale[pg.DERIVATIVES * k]
 
 
 def _element(program: pg.Program, k: int) -> SmoothElement:

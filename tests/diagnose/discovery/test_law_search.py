@@ -35,13 +35,16 @@ from piezoharvest.description.effects.nameless.places import (
     Spring,
 )
 from piezoharvest.description.shunts import Resistor
-from piezoharvest.diagnose.discovery import halving
+from piezoharvest.diagnose.discovery import halving, verdict
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
-from piezoharvest.diagnose.discovery.search import FITS, promising
+from piezoharvest.diagnose.discovery.search import FITS, promising, search, search_campaign
 from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness
 from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
+from piezoharvest.diagnose.selection.candidate_fits import FitRecord
+from piezoharvest.diagnose.selection.effect_change import EffectChange
 from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.thresholds import LARGE_MISFIT
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import identify
@@ -151,6 +154,43 @@ def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch):
     best = ["coupling", "capacitor", "load"]
     assert done == [*((place.name, few) for place in places), *((name, more) for name in best)]
     assert [each.law.place.name for each, _ in found] == best[:2]
+
+
+def test_one_effect_that_explains_most_is_kept_beside_a_law_though_the_search_has_dropped_it(monkeypatch):
+    """Of two that explain as much the one with fewer parameters; where the misfit is small there is no need."""
+    base: Any = fit_with(1000.0)
+    records = [
+        ("dielectric_relaxation", -801.0),
+        ("leakage", -800.0),
+        ("load_error", -200.0),
+        ("creep + leakage", -900.0),
+    ]
+    done: Any = SimpleNamespace(
+        base=base, final=base, given_effects=0, fits=[FitRecord(name, change, 1.0) for name, change in records]
+    )
+    starts = {
+        Leakage: Leakage(resistance=1e6),
+        DielectricRelaxation: DielectricRelaxation(capacitance=1e-9, time_constant=0.1),
+    }
+    monkeypatch.setattr(verdict, "starts_of", lambda scales, found, kinds: [starts[kind] for kind in kinds])
+    monkeypatch.setattr(verdict, "campaign_scales", lambda data, found: None)
+    monkeypatch.setattr(verdict, "excess_of", lambda found: found.cost)
+    trials: Any = SimpleNamespace(
+        problem=SimpleNamespace(data=()), extended=lambda now, effect, aim: EffectChange(fit_with(200.0, effect))
+    )
+    for large, ways in ((True, [search_campaign, search]), (False, [])):
+        monkeypatch.setattr(verdict, "mean_square", lambda found, large=large: 2.0 * LARGE_MISFIT if large else 1.0)
+        found = list(verdict._beside_one_effect(trials, done))
+        assert [seek for seek, _ in found] == ways
+        assert all(begun.model.transducer.effects == (starts[Leakage],) for _, begun in found)
+    monkeypatch.setattr(verdict, "mean_square", lambda found: 2.0 * LARGE_MISFIT)
+    done.final = fit_with(200.0, starts[Leakage])  # it is begun with anyway
+    assert not list(verdict._beside_one_effect(trials, done))
+
+
+def fit_with(cost, *effects) -> Any:
+    """A fit of a model with effects, as far as a search for laws looks at it."""
+    return SimpleNamespace(cost=cost, model=SimpleNamespace(transducer=SimpleNamespace(effects=effects)))
 
 
 def test_an_effect_that_does_nothing_for_unseen_records_beside_a_law_is_dropped(tmp_path):
