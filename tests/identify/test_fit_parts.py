@@ -86,7 +86,7 @@ def test_of_a_step_that_cannot_be_predicted_a_share_is_taken_in_the_same_directi
     """As of a law whose charge would fall with the voltage; a damped step of several variables would turn."""
     descent = descent_from_one(lambda here, values: on_parabola(values) if values[0] > 0.6 else None)
     assert descent.advance()
-    assert descent.here.values == pytest.approx([0.75], abs=1e-4)
+    assert descent.here.values == pytest.approx([0.7], abs=1e-4)
 
 
 @pytest.mark.parametrize("n", [1, 3, 8])

@@ -358,14 +358,22 @@ class _Fits:
         if not self.done or not (large or problem.needs_engine):
             return False
         best = min(self.done, key=lambda each: each.evidence)
-        best = best if problem.needs_engine else self._condensed(best)
-        if leaves_much(best) and not problem.needs_engine:
+        best = self._condensed(best) if large else best
+        if large and leaves_much(best) and not self._is_dominant(best):
             return False
         explained, own, others = _explained_beside(problem, best, other)
         if others > thresholds.MIN_EXCHANGE_SCORE * min(explained, own):
             return False
         self.ruled_out.append((other.law, 0.5 * (others - explained)))
         return True
+
+    def _is_dominant(self, law: LawFit) -> bool:
+        """True of a law behind diodes or switches that explains all but what one at a wrong place leaves, or less.
+
+        There each fit takes long, and a formula that is not quite the right one leaves more than noise.
+        """
+        left = excess_of(law.found) / excess_of(self.start)
+        return self.problem.needs_engine and left < 1.0 - thresholds.MIN_DOMINANT_SHARE
 
     def _is_coarse(self, law: LawFit) -> bool:
         """True of a table that leaves much though it explains most of the misfit."""

@@ -40,7 +40,7 @@ MAX_DAMPING_REDUCTIONS = 4  # most reductions of the damping in a row without a 
 # Mean square of whitened residuals up to which valleys are followed: a trial fit of an effect that explains all ends at
 # one; from 1e5, where a law was missing, a base fit went along one to where no law was found any more.
 NEAR_NOISE = 10.0
-SHARES = (1.0, 0.5, 0.25, 0.12, 0.06)  # of a step, tried where the records cannot be predicted after the whole one
+SHARES = (1.0, 0.3, 0.1)  # of a step, tried where the records cannot be predicted after the whole one
 MAX_RETURN_STEPS = 2  # most steps back to the bottom of a valley
 
 

@@ -60,7 +60,7 @@ def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Fo
     """
     tried = [table]
     coarse = mean_square(table.found) > TABLE_IS_COARSE
-    count = REFITTED_BEYOND_TABLE if coarse else REFITTED
+    count = REFITTED_BEYOND_TABLE if coarse and not problem.needs_engine else REFITTED
     count *= 2 if of_itself(table.place) else 1  # with and without its straight line a curve is as close to the table
     most = max(most, count)
     every = candidates(table) if isinstance(table.form, TABLES) else []
