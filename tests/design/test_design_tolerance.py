@@ -462,7 +462,7 @@ def test_limits_in_the_worst_corner(host, run):
     result = run(transducer, FREQUENCY, **options)
     case = result.best.worst_case
     assert result.best.feasible and case.violates == ("max_voltage",) and case.binds == "max_voltage"
-    assert any("max_voltage is not kept everywhere" in note for note in result.notes)
+    assert any("max_voltage is not met everywhere" in note for note in result.notes)
     limit = {entry.name: entry for entry in case.limits}["max_voltage"]
     moved = scaled(transducer, {name: [1 + x] for name, x in limit.corner.items()})
     voltage = FORCE * abs(frequency_response(System(moved, result.best.shunt), [FREQUENCY]).voltage[0])
