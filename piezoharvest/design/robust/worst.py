@@ -93,7 +93,7 @@ class RobustCase:
     @property
     def remarks(self) -> list[str]:
         """Remarks on what is not sure, and on limits that are not kept, in words."""
-        unsure = "the worst case is uncertain: part of the tolerance box could not be simulated, or is unstable"
+        unsure = "the worst case is uncertain: part of the tolerance box is unstable or could not be simulated"
         found = [] if self.converged else [unsure]
         if self.left_out and self.figures.harvested_power > 0:
             found.append(f"its worst case leaves out {', '.join(self.left_out)}: this kind has no such key")
