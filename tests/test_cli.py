@@ -603,11 +603,11 @@ class TestDesign:
         assert strict(out)["candidates"][0]["gap_to_bound"] is None
 
     def test_no_candidate_keeps_the_limits(self, study, run, monkeypatch):
-        result = Designed(feasible=False, notes=["no candidate keeps all limits"])
+        result = Designed(feasible=False, notes=["no candidate meets all limits"])
         monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: result, raising=False)
         status, out, err = run("design", study, "--json")
         assert (status, strict(out)["best"]) == (1, 0)
-        assert err == "warning: no candidate keeps all limits\n"
+        assert err == "warning: no candidate meets all limits\n"
 
     def test_results_are_printed_even_if_the_report_fails(self, study, run, monkeypatch):
         def fail(study, result, folder):

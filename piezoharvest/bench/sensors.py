@@ -124,15 +124,13 @@ def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, signal: 
     """What is wrong with the range or the noise of a channel whose true values have this standard deviation."""
     if channel.noise > signal > 0:  # below 0 dB
         device, ratio = channel.key.partition(".")[0], channel.noise / signal
-        found = (
-            f"the noise of its sensor, {channel.noise:.3g} {UNITS[name]}, is {ratio:.3g} times what it moves by (rms)"
-        )
+        found = f"the noise of its sensor, {channel.noise:.3g} {UNITS[name]} (rms), is {ratio:.3g} times the signal"
         return f"{name}: {found}: choose another sensitivity and lower the noise of bench.{device}"
     if lost:
         samples = f"{lost} of {counted(len(codes), 'sample')} exceed{'s' if lost == 1 else ''}"
-        return f"{name}: {samples} the converter's range: lower bench.{channel.key}"
+        return f"{name}: {samples} the range of the A/D converter: lower bench.{channel.key}"
     if signal > 0 and channel.key and np.ptp(codes) < FEW_STEPS:
         return (
-            f"{name}: moves by {counted(int(np.ptp(codes)), 'step')} of the converter only: raise bench.{channel.key}"
+            f"{name}: spans only {counted(int(np.ptp(codes)), 'step')} of the A/D converter: raise bench.{channel.key}"
         )
     return ""

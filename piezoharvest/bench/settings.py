@@ -212,8 +212,8 @@ def check_shunt(shunt: Shunt, where: str) -> None:
     """Raise `ParameterError` if the bench cannot build a circuit."""
     for key in ("diode_curve", "switch_curve", "loop_sections", "load_curve"):
         if getattr(shunt, key, None) is not None:
-            found = "found on the virtual bench, whose diodes, switches, loops and loads are straight"
-            straight = " (diode = NAME is so with a diode_current)" if key == "diode_curve" else ""
+            found = "found on the virtual bench, whose diodes, switches, loops and loads are piecewise linear"
+            straight = " (diode = NAME gives one, together with diode_current)" if key == "diode_curve" else ""
             raise ParameterError(f"{where}.{key}", found + straight)
     for key in ("storage", "initial_dc_voltage", "smoothing_resistance", "start_voltage"):
         if getattr(shunt, key, None):

@@ -171,8 +171,9 @@ def sweep(
     The table [sweep] names the parameters and outputs. A sweep that was stopped is resumed by the same command:
     finished designs are kept in FILE.partial until FILE is complete.
 
-    FILE has one row for each design and shunt, with the columns design, the parameters by their paths, shunt (from 0),
-    kind, converged, and the outputs; an output that has no value is null.
+    A design is one set of values of the parameters. FILE has one row for each design and shunt, with the columns
+    design, the parameters by their paths, shunt (from 0), kind, converged, and the outputs; an output that has no value
+    is null.
     """
     if scheduler is not None and workers > 1:
         raise typer.BadParameter("--workers is given too, but only one of the two may be", param_hint="--scheduler")
@@ -188,8 +189,8 @@ def measure(
 ) -> Work:
     """Measure a study on the virtual bench.
 
-    Every record is computed by an independent solver and passed through the sensors, amplifiers and converter of the
-    table [bench]. DIR must be new, empty or an earlier campaign; campaign.toml and one CSV file for each record are
+    Every record is computed by an independent solver and passed through the sensors, amplifiers and A/D converter of
+    the table [bench]. DIR must be new, empty or an earlier campaign; campaign.toml and one CSV file for each record are
     written into it.
     """
     from piezoharvest.cli import commands
@@ -253,12 +254,12 @@ def diagnose(
 
     The model is fitted and every known effect is tested. The effects that are present are named and fitted with the
     model, and the gain is measured on the validation records. If no known effect explains what is left, a new law is
-    sought: a function of one input, added at one place in the model and given as a formula. Whatever that does not
-    explain is reported as unexplained.
+    sought: a function of one input, added at one place in the model and given as a formula. Whatever this law does
+    not explain is reported as unexplained.
 
-    With --batch, every campaign in a folder and in those inside of it is diagnosed, and FILE has one row for each:
-    verdict, effects, law, gain, parameters with standard errors, or the error. A batch that was stopped is resumed by
-    the same command, which diagnoses only what is new or has changed.
+    With --batch, every campaign in DIR and its subfolders is diagnosed, and FILE has one row for each: verdict,
+    effects, law, gain, parameters with standard errors, or the error. A batch that was stopped is resumed by the same
+    command, which diagnoses only what is new or has changed.
     """
     if batch is not None:
         of_one = campaign, report, save, save_effect
@@ -328,7 +329,7 @@ def explore(
 
     The page is served on this machine only, and its address is printed; no internet is needed. Power, attenuation,
     waveforms, loops and the bound follow the sliders. For a campaign, the page shows records and residuals, with
-    effects that can be switched on and off. Ctrl-C ends.
+    effects that can be switched on and off. Ctrl-C stops the server.
     """
     from piezoharvest.cli import explore_command
 
@@ -361,7 +362,7 @@ def export(
 ) -> Work:
     """Write a netlist for ngspice and LTspice.
 
-    It starts in the steady state. A schematic for LTspice is written to a FILE that ends in .asc.
+    The netlist starts in the steady state. A schematic for LTspice is written to a FILE that ends in .asc.
     """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
@@ -394,8 +395,8 @@ def import_netlist(
 ) -> Work:
     """Convert a netlist to a shunt: a table [[shunts]] for a study.
 
-    The elements R, L, C, K, D, S, V, I and subcircuits of them are read where they are piecewise linear. Any other is
-    refused, with its name and line.
+    The elements R, L, C, K, D, S, V, I and subcircuits of them are read where they are piecewise linear. Any other
+    element is refused, with its name and line.
     """
     from piezoharvest.cli import export_command
 
@@ -417,7 +418,7 @@ def new(
         list[Path] | None,
         typer.Argument(
             metavar="FILES",
-            help="Data files of a campaign, or the universal file with the modes of a study's structure.",
+            help="Data files of a campaign; for a study, one universal file (UFF) with the modes of the structure.",
             show_default=False,
         ),
     ] = None,
@@ -458,7 +459,7 @@ def catalogue(
 ) -> Work:
     """Show the transducers, materials and parts of the catalogue.
 
-    They come with the package, with their sources.
+    All are part of the package; every entry names its source.
     """
     from piezoharvest.cli import catalogue_command
 

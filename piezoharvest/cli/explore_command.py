@@ -26,7 +26,7 @@ def explore(path: Path, *, port: int, save: Path | None) -> int:
         return 1
     server = PageServer(page, port)
     print(server.address, flush=True)
-    note("open this address in a browser on this machine; Ctrl-C ends")
+    note("open this address in a browser on this machine; Ctrl-C stops the server")
     try:
         server.run()
     except KeyboardInterrupt:

@@ -72,7 +72,7 @@ def _hosted(kind: str, text: str, files: Sequence[Path], target: Path) -> str:
     from piezoharvest.readers.uff import Uff
 
     if len(files) > 1 or files[0].suffix.lower() not in Uff.suffixes:
-        allowed = "only a campaign takes data files, and a study one universal file with the modes of its structure"
+        allowed = "only a campaign takes data files, and a study one universal file (UFF) with the structure's modes"
         raise OutputError(f"found {files[-1]} for {kind}, {allowed} ({', '.join(Uff.suffixes)})")
     return with_host(text, files[0], target)
 
@@ -201,7 +201,7 @@ def _load(found: FoundFile, drive: str) -> Iterator[str]:
         ohm = float(voltage @ current) / power
         off = np.linalg.norm(voltage - ohm * current) / max(float(np.linalg.norm(voltage)), np.finfo(float).tiny)
         if ohm > 0 and off < _OHM_SCATTER:
-            yield f"{f'load_resistance = {ohm:.4g}':<33}# ohm; voltage over current (?) prefer the nominal value"
+            yield f"{f'load_resistance = {ohm:.4g}':<33}# ohm; voltage over current (?); prefer the nominal value"
             return
     yield '# load_resistance = 1e5          # ohm (?) or: shunt = { kind = "open" }, "short", "parallel_sshi", ...'
 

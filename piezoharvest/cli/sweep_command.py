@@ -41,7 +41,8 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
 def _report_outcome(result: SweepResult) -> int:
     """Report the outcome on stderr; returns the exit status."""
     new = result.designs - result.resumed
-    note(f"{counted(new, 'design')} in {result.seconds:.1f} s ({result.designs_per_second:.0f} a second): {result.out}")
+    rate = f"{result.designs_per_second:.0f} per second"
+    note(f"{counted(new, 'design')} in {result.seconds:.1f} s ({rate}): {result.out}")
     if not result.failed and not result.incomplete:
         return 0
     said = [

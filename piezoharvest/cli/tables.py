@@ -177,7 +177,9 @@ def print_sweep(
         print(title)
         return
     name = f"design {best['design']}: shunts.{best['shunt']} ({best['kind']})"
-    columns = [Column(output.replace("_", " "), unit, [best[output]]) for output, unit in outputs.items()]
+    columns = [
+        Column(output.removesuffix("_db").replace("_", " "), unit, [best[output]]) for output, unit in outputs.items()
+    ]
     keys = "\n".join(f"{path} = {best[path]:.6g} {unit}".rstrip() for path, unit in inputs.items())
     _print_table(title, "best", [name], columns, [True], [keys])
 

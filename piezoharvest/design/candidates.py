@@ -221,7 +221,7 @@ class CandidateMaker:
             try:
                 return self.robust.rounded(draft, series, known, region, exact, self.progress)
             except ParameterError as error:
-                note = f"its parts of {series.name} are those of the best nominal figure"
+                note = f"its parts of {series.name} are chosen for the nominal values, not for the worst case"
                 self.notes.append(f"{tuned.kind}: {note}: {error.message}")
                 return known, None, True
 
@@ -247,7 +247,7 @@ class CandidateMaker:
         inductance = largest_inductance(found.shunt, self.capacitance)
         if inductance > LARGEST_COIL:
             size = f"{inductance:.3g}" if inductance < 1e3 else f"{inductance:.0f}"
-            note(f"{kind}: {size} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
+            note(f"{kind}: {size} H needs a synthetic inductor (coils reach about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
             for text in region.remarks(np.log(list(draft.values_of(tuned).values()))):
@@ -262,7 +262,7 @@ class CandidateMaker:
         elif message:
             note(f"{kind}: {message}")
         if found.violates:
-            note(f"{kind}: does not keep {', '.join(found.violates)}")
+            note(f"{kind}: does not meet {', '.join(found.violates)}")
 
 
 def _kept(draft: Draft) -> float | None:

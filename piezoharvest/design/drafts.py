@@ -281,7 +281,7 @@ class Drafting:
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
                 values["capacitance"] = NEGATIVE_SHARE * self.seen.stick_capacitance
-                note = f"C_n = {values['capacitance']:.4g} F in parallel, half of what is unstable, without losses"
+                note = f"C_n = {values['capacitance']:.4g} F in parallel, half the stability limit, without losses"
                 return values, (note,)
             return values, ()
         values, notes = {}, []
@@ -476,4 +476,4 @@ def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence
         return []
     values = ", ".join(f"{name} of {' and '.join(dict.fromkeys(found))}" for name, found in kinds.items())
     keys = ", ".join(f'"{name}"' for name in kinds)
-    return [f"tuned, whatever the study's shunts give: {values}; design.hold = [{keys}] keeps given values"]
+    return [f"tuned, so values given in [[shunts]] are not used: {values}; design.hold = [{keys}] keeps them"]

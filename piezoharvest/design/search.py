@@ -167,7 +167,9 @@ class _Design:
         if self.places:  # what they have simulated is theirs together
             trial.left = self.left
         if trial.unresolved and not self.places:
-            self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
+            self.notes.append(
+                "mean power over the band: the simulated frequencies may be too far apart for such sharp resonances"
+            )
         place = _Place(number, view, trial, self._maker(trial, synthesis))
         self.left = trial.left
         return place
@@ -213,7 +215,7 @@ class _Design:
     def _result(self, candidates: tuple[Candidate, ...]) -> DesignResult:
         """Result with the fronts, and with the distance of the ranked candidates from the bound."""
         if not any(candidate.feasible for candidate in candidates):
-            self.notes.insert(0, "no candidate keeps all limits")
+            self.notes.insert(0, "no candidate meets all limits")
         if self.goal.damping and all(candidate.added_damping is None for candidate in candidates):
             self.notes += why_none(self.study.transducer, self.study.excitation)
         fronts = self._fronts() if self.options.objective == "trade_off" else ()

@@ -272,7 +272,7 @@ def _diagnose_roles(
     squares = [whitened_squares(unseen, each) for each in checks]
     named = named_effects(campaign, before, trials, search, squares)
     while last_is_chance(trials, search, named) or last_is_idle(search, named, squares):
-        progress(f"{search.order[-1].name} was chance: it does not improve records that were not fitted, or any")
+        progress(f"{search.order[-1].name} was chance: it does not improve the prediction of the records")
         search = search.without_last(trials.failed_tests_refitted(search.before_last))
         checks, squares = checks[:-1], squares[:-1]
         named = named_effects(campaign, before, trials, search, squares)

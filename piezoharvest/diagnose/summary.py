@@ -14,8 +14,8 @@ from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 
 HIGHER_MODES = (
-    "A part of what is left follows the drive at once, as the response of modes above the measured band does: a table "
-    "[[transducer.modes]] adds a mode."
+    "Part of the remaining residual follows the drive without delay, as the response of modes above the measured band "
+    "does: a table [[transducer.modes]] adds a mode."
 )
 NOT_HERE = "no record has such a circuit"
 Value = tuple[float | str, float | None, str]

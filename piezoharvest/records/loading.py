@@ -182,7 +182,7 @@ def checked(campaign: Campaign) -> Campaign:
     errors = campaign.errors
     if errors:
         first = errors[0]
-        more = f" (and {counted(len(errors) - 1, 'more error')}, shown when this is mended)" if len(errors) > 1 else ""
+        more = f" (and {counted(len(errors) - 1, 'more error')})" if len(errors) > 1 else ""
         where = {"channel": first.channel, "rows": first.rows, "campaign": campaign}
         raise CampaignError(campaign.path.parent / first.file, "", first.message + more, **where)
     return campaign

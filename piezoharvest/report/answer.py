@@ -85,7 +85,7 @@ def _warning(best: Subject) -> str:
         message = best.response.message if best.response else ""
         return f"Not to be trusted: {message or 'a simulation behind these results did not converge'}."
     if best.candidate.violates:
-        return f"No candidate keeps all limits; this one violates {', '.join(best.candidate.violates)}."
+        return f"No candidate meets all limits; this one violates {', '.join(best.candidate.violates)}."
     return ""
 
 

@@ -99,8 +99,9 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     names, table = cosines(rows)
     if len(names) > 1:
         caption = (
-            "Where it is 1, the records cannot distinguish two effects, given that the fitted parameters are free; "
-            "where it is 0, these have nothing in common. Each is evaluated at the start value with the highest score."
+            "Cosine between the changes that two effects make in the predictions, with the fitted parameters free: "
+            "at 1, the records cannot distinguish the two; at 0, they have nothing in common. Each effect has the "
+            "start value with the highest score."
         )
         yield Picture(
             "cosines",
@@ -146,8 +147,9 @@ def _structure(found: Diagnosis) -> Picture:
     if found.extended:
         sides.append(("with effects", run_tests(problem, found.search.final)))
     caption = (
-        "Whitened squares of the residual by frequency band in Hz, minus their expectation for noise, in units of its "
-        "standard deviation; each channel without what the channels before it predict. White is noise."
+        "Sum of the squared whitened residuals in each frequency band (Hz): its excess over the expectation for noise, "
+        "in standard deviations. From each channel, what the channels before it predict is subtracted. White fields "
+        "are no more than noise."
     )
     return Picture("structure", "structure", "Residuals against noise by record, channel and frequency", caption,
                    diagnosed.structure_figure(sides))  # fmt: skip

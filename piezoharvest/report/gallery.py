@@ -93,7 +93,8 @@ class Gallery:
 
     def _ledger(self) -> Iterator[Picture]:
         if any(ledger.shares(s) for s in self.subjects):
-            caption = f"Per {'period' if self._periodic else 'run'}, by simulation; the energies balance to rounding."
+            span = "period" if self._periodic else "run"
+            caption = f"Per {span}, by simulation; the energies balance within rounding errors."
             yield Picture("energy", "answer", "Where the energy goes", caption, ledger.ledger(self.subjects))
 
     def _restrictions(self) -> Iterator[Picture]:

@@ -300,7 +300,7 @@ def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[s
             ("open-circuit resonance", opened, "undamped"),
         ]
     rows += [
-        ("coupling k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),
+        ("coupling factor k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),
         ("mechanical quality Q_m", [number(m.quality) if np.isfinite(m.quality) else "∞" for m in figures], "√(k m)/b"),
         ("k_e² Q_m", [number(m.merit) if np.isfinite(m.merit) else "∞" for m in figures], _MERIT),
         (

@@ -139,8 +139,8 @@ class TestWhatIsTunedOfGivenValues:
 
     def test_is_one_sentence_with_the_keys_to_write(self, host):
         (told,) = self.told(host(0.025, 50), (self.SIDE,))
-        assert told.startswith("tuned, whatever the study's shunts give: dc_voltage of rectifier; ")
-        assert told.endswith('; design.hold = ["dc_voltage"] keeps given values')
+        assert told.startswith("tuned, so values given in [[shunts]] are not used: dc_voltage of rectifier; ")
+        assert told.endswith('; design.hold = ["dc_voltage"] keeps them')
 
     def test_knows_lags_and_what_is_at_other_electrodes(self, host):
         device = host(0.025, 50, electrodes=(Electrode(capacitance=40e-9, coupling=1e-3),))

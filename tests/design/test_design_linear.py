@@ -201,7 +201,7 @@ def test_what_cannot_be_kept(host, run):
     result = run(host(0.025, 80), 50.6, candidates=("resistor", "series_rl"), min_power=1.0)
     assert [c.violates for c in result.candidates] == [("min_power",)] * 2
     assert result.best.shunt.kind == "series_rl"
-    assert "no candidate keeps all limits" in result.notes
+    assert "no candidate meets all limits" in result.notes
 
 
 @pytest.mark.slow

@@ -281,7 +281,7 @@ def test_design_that_may_not_simulate_more(host, run, monkeypatch):
     monkeypatch.setattr("piezoharvest.design.parts.choice._SHARE", 0.0)
     found = run(host(0.05, 60), 50.6, candidates=("rectifier",), parts="E6")
     assert not found.best.parts.complete and found.best.converged
-    assert any("rounding took more simulations" in note for note in found.notes)
+    assert any("rounding them needs more simulations" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, 1.0, inf])
@@ -363,7 +363,7 @@ class TestWorstCase:
         box = BEAM.stiffness * np.linspace(0.95, 1.05, 41)
         worst = np.min([power(dataclasses.replace(BEAM, stiffness=k), tried) for k in box], axis=0)
         assert found.worst_case.figures.harvested_power == pytest.approx(worst.max(), rel=1e-6)
-        assert not any("nominal figure" in note for note in result.notes)
+        assert not any("chosen for the nominal values" in note for note in result.notes)
 
     @pytest.mark.slow
     def test_those_of_an_inverting_circuit_are_no_worse_than_any_load_beside_them(self):

@@ -82,7 +82,7 @@ def test_infeasible_candidates_come_after_feasible_ones(bench, run):
     assert last.shunt.kind == "sece" and last.violates == ("max_voltage",)
     assert last.harvested_power > result.best.harvested_power
     assert result.as_json()["candidates"][-1]["violates"] == ["max_voltage"]
-    assert any("sece: does not keep max_voltage" in note for note in result.notes)
+    assert any("sece: does not meet max_voltage" in note for note in result.notes)
 
 
 def test_template_beyond_the_largest_inductance(bench, run):

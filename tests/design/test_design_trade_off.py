@@ -170,7 +170,7 @@ def test_limits_cut_the_front(run):
 def test_limits_that_nothing_keeps(run):
     result = run(BENCH, 50.6, objective="trade_off", candidates=("series_rl",), min_power=1.0)
     assert result.trade_off == () and result.as_json()["trade_off"] == []
-    assert result.notes[0] == "no candidate keeps all limits"
+    assert result.notes[0] == "no candidate meets all limits"
 
 
 def point(power, level):

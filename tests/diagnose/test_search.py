@@ -131,7 +131,7 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
     """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
     measured = campaign(tmp_path)
     problem, base, _ = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
-    ends = "the conspicuous residuals are unchanged: no effect of the library explains them"
+    ends = "the largest excess of the residuals over the noise remains: no known effect explains it"
     for library in ([cls for cls in registered().values() if cls is not type(effect)], list(registered().values())):
         told = []
         found = Searcher(CandidateFits(problem, base, library, told.append)).run()

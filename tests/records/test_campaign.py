@@ -388,7 +388,7 @@ class TestWrong:
         assert error.path == str(tmp_path / "run.csv")
         assert (error.channel, error.rows) == ("voltage", ((12, 13),))
         assert str(error).endswith("voltage, rows 12-13: found 2 values NaN, infinite or missing, allowed are finite "
-                                   "numbers (and 1 more error, shown when this is mended)")  # fmt: skip
+                                   "numbers (and 1 more error)")  # fmt: skip
         assert [finding.channel for finding in error.campaign.errors] == ["voltage", "current"]
         assert len(error.campaign.records) == 1
 

@@ -73,7 +73,7 @@ def test_range_is_that_of_the_converter_and_said():
     assert found.columns["voltage_V"].min() == pytest.approx(-10.0 / 5.0)
     (warning,) = found.warnings
     assert warning.startswith("voltage: ")
-    assert warning.endswith("samples exceed the converter's range: lower bench.buffer.gain")
+    assert warning.endswith("samples exceed the range of the A/D converter: lower bench.buffer.gain")
 
 
 def test_a_channel_that_hardly_moves_is_said():
@@ -82,15 +82,15 @@ def test_a_channel_that_hardly_moves_is_said():
         "buffer": {"gain": 10.0, "noise": 0.0},
     }  # fmt: skip
     (warning,) = record({**SINE, "amplitude": 2.0}, **fine).warnings
-    assert warning.startswith("force: moves by ")
-    assert warning.endswith("steps of the converter only: raise bench.load_cell.sensitivity")
+    assert warning.startswith("force: spans only ")
+    assert warning.endswith("steps of the A/D converter: raise bench.load_cell.sensitivity")
 
 
 def test_noise_above_the_signal_is_said():
     """A sine of 0.1 N is 0.0707 N rms, a seventh of the load cell's noise."""
     found = record({**SINE, "amplitude": 0.1}, laser={"noise": 0.0}, buffer={"noise": 0.0}, channels=["voltage"])
     (warning,) = [text for text in found.warnings if text.startswith("force")]
-    assert "0.5 N, is 7.07 times what it moves by (rms)" in warning
+    assert "0.5 N (rms), is 7.07 times the signal" in warning
     assert warning.endswith("lower the noise of bench.load_cell")
 
 

@@ -89,7 +89,7 @@ class TestUntrusted:
         broken = tuple(dataclasses.replace(c, violates=("min_power",)) for c in result.candidates)
         with figures_on_the_page_only():
             page = Page(write_report(study, dataclasses.replace(result, candidates=broken), tmp_path))
-        assert "No candidate keeps all limits; this one violates min_power." in page.text
+        assert "No candidate meets all limits; this one violates min_power." in page.text
 
 
 class TestFiles:

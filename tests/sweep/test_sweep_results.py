@@ -158,6 +158,7 @@ class TestCommand:
         assert "shunts.0 (parallel_sshi)" in out
         assert "shunts.0.load_resistance = " in out
         assert "harvested" in out
+        assert "attenuation" in out and " db" not in out  # the unit is below the name, once
 
     def test_progress_on_a_terminal(self, run, monkeypatch):
         text = BENCH + SINE + SSHI + sweep_table(LOAD)

@@ -115,7 +115,7 @@ def _print_law(law: Discovery) -> None:
     rows = [["place", law.place], [f"of {law.law.place.input.replace('_', ' ')}", law.formula]]
     rows += [[name, with_error(value, std, unit)] for name, (value, std, unit) in law.parameters.items()]
     rows += [["gain", percent(law.gain)], ["p", _p_value(law.p_value)]]
-    rows += [[f"not {r.place} of {r.input.replace('_', ' ')}", f"log odds {r.log_odds:.3g}"] for r in law.rivals]
+    rows += [[f"instead: {r.place} of {r.input.replace('_', ' ')}", f"log odds {r.log_odds:.3g}"] for r in law.rivals]
     tables.print_rows("", ["law without a name", ""], rows)
 
 
@@ -199,7 +199,7 @@ def _print(found: Diagnosis) -> None:
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", _p_value(p.p_value)] for p in found.left]
         tables.print_rows(
-            "", ["remaining structure", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS]
+            "", ["remaining structure", "record", "channel", "power over that of noise", "p"], rows[:MAX_TEST_ROWS]
         )
     if found.hints:
         rows = [

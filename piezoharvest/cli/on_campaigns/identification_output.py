@@ -15,9 +15,9 @@ MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 def above_noise(found: Identification) -> list[str]:
     """Warnings about channels whose residuals are more than noise."""
     return [
-        f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
-        "lacks something, and parameters may be off by more than their standard errors: piezoharvest diagnose looks "
-        "for it"
+        f"{channel} of the {role} records: the residual is {quality.rms[channel] / noise:.3g} times the noise: the "
+        "model lacks something, and parameters may be off by more than their standard errors; piezoharvest diagnose "
+        "looks for the cause"
         for role, quality in (("fitted", found.fit), ("validation", found.validation))
         for channel, noise in quality.noise.items()
         # The noise of a response depends on frequency: the fit warns of it itself.

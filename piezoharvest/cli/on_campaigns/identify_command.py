@@ -67,10 +67,10 @@ def _print(found: Identification) -> None:
         rows.append(
             [e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), _remark(e)]
         )
-    tables.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
+    tables.print_rows(found.campaign.title, ["parameter", "value", "relative error", "nominal", ""], rows)
     if figures := found.resonances:
         rows = [[e.name, with_error(e.value, e.std, e.unit), percent(e.std / e.value, 2)] for e in figures if e.value]
-        tables.print_rows("", ["which makes", "value", ""], rows)
+        tables.print_rows("", ["derived figure", "value", "relative error"], rows)
     rows = [
         [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
         for role, quality in (("fitted", found.fit), ("validation", found.validation))

@@ -224,7 +224,7 @@ def _obstacle(port: ElectrodePort) -> str:
     at = port.at(np.union1d(lines, np.geomspace(0.1, 10, 201) * lines[len(lines) // 2]))
     share = at.resistance / np.abs(at.impedance)
     if np.nanmin(share) < -_LOSSLESS:
-        return "the transducer with its effects gives off power by itself"
+        return "the transducer with its effects is not passive: it delivers power by itself"
     if not np.nanmax(share) > _LOSSLESS:
         return "the transducer has no loss"
     return ""

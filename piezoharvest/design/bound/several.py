@@ -45,7 +45,7 @@ def bound_of_several(
         return Bound(notes=("no bound: the transducer has no loss",))
     lines = operation.apart and operation.band is None
     notes = [f"the bound is that of any circuit between {many}, which may connect them with each other"]
-    notes += [] if lines else ["it leaves causality out: how close a network comes to it is not told"]
+    notes += [] if lines else ["it ignores causality: how close a network can come to it is not known"]
     return Bound(
         harvested_power=power, reached=power if lines else None, frequency_wise=power, any_interface=power,
         notes=tuple(notes),

@@ -78,8 +78,8 @@ class PartsChoice:
     def remark(self) -> str:
         """Remark on a search that is not complete, in words; else empty."""
         if not self.complete:
-            return "parts are not surely the best: their rounding took more simulations than one design may"
-        return "" if self.converged else "the worst case of the parts is not sure: not all of it could be simulated"
+            return "the parts may not be the best: rounding them needs more simulations than one design is allowed"
+        return "" if self.converged else "the worst case of the parts is uncertain: not all of it could be simulated"
 
 
 @dataclass(frozen=True)

@@ -93,14 +93,14 @@ class RobustCase:
     @property
     def remarks(self) -> list[str]:
         """Remarks on what is not sure, and on limits that are not kept, in words."""
-        unsure = "the worst case is not sure: not all of the box could be simulated, or it is unstable in a part of it"
+        unsure = "the worst case is uncertain: part of the tolerance box is unstable or could not be simulated"
         found = [] if self.converged else [unsure]
         if self.left_out and self.figures.harvested_power > 0:
-            found.append(f"its worst case leaves out {', '.join(self.left_out)}, which it has no key of")
+            found.append(f"its worst case leaves out {', '.join(self.left_out)}: this kind has no such key")
         for limit in self.limits:
             if not limit.kept:
                 where = ", ".join(f"{name} {value:+.3g}" for name, value in limit.corner.items())
-                found.append(f"{limit.name} is not kept everywhere in the tolerance ({limit.value:.4g} at {where})")
+                found.append(f"{limit.name} is not met everywhere within the tolerance ({limit.value:.4g} at {where})")
         return found
 
     def as_json(self) -> dict[str, Any]:

@@ -117,7 +117,7 @@ class Region:
         for n, name in enumerate(self.names):
             if not _is_inductance(name) and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
                 side = "smallest" if p[n] < 0.5 * (self.lower[n] + self.upper[n]) else "largest"
-                found.append(f"the {side} {name} tried is the best: it might as well be left out")
+                found.append(f"the {side} {name} tried is the best: this part may be left out")
         return found
 
 

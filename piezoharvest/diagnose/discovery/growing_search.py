@@ -54,7 +54,7 @@ def search_growing(
     part, less = smaller.part, smaller.fitted(start.model, start.noise)
     if less is None or mean_square(less) < 1.0 + thresholds.MUCH_LEFT:
         return None
-    progress(f"{', '.join(data.name for data in part.data)}: the drive is smaller, so that laws are sought there first")
+    progress(f"{', '.join(data.name for data in part.data)}: smaller drive, so laws are sought here first")
     found = search_growing(part, less, progress, given) or search(part, less, progress)
     found = found and with_all_free(part, found, given)
     grown = None if found is None else _of_all(smaller, start, found)

@@ -338,7 +338,8 @@ class _Fits:
             if found is None:
                 continue
             found = self._bent_where_the_law_bends(found)
-            progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+            change = found.found.cost - start.cost
+            progress(f"tried a law at {_words(each.law)}: change of the misfit (-2 ln L) {change:+.1f}")
             if found.memory_at_its_end:
                 progress(
                     "there it would resonate or relax outside the range that was looked at, so that it does neither"

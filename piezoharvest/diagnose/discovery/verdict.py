@@ -232,9 +232,9 @@ def _confirmed(
             return None
         own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
         if own > 0:
-            progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+            progress(f"it removes {100 * own:.1f} % of the error above the noise in records that were not fitted")
         else:
-            progress("records that were not fitted are not predicted better with it")
+            progress("it does not improve the prediction of records that were not fitted")
         if own >= least:
             return laws
         more = instead(problem, more)
@@ -263,7 +263,7 @@ def without_riders(
         if less is not None:
             decrease, shorter = less.cost - final.cost, _without(campaign, before, laws, n, less)
             if shorter is not None:
-                progress(f"{effect.name} does nothing for records that were not fitted")
+                progress(f"{effect.name} does not improve the prediction of records that were not fitted")
                 laws = shorter
                 kept = {m - (m > n): p for m, p in kept.items()}
                 continue

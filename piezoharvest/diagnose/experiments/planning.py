@@ -87,7 +87,8 @@ def described(planned: Planned) -> str:
         text = f"a sine of {drive.frequency_hz:.4g} Hz and {size:.4g} {unit}{about}"
     load = getattr(planned.shunt, "resistance", None)
     circuit = _ohms(load) if load is not None and planned.shunt.kind == "resistor" else planned.shunt.kind
-    return f"{text}, with {circuit.replace('_', ' ')}, {planned.duration:.3g} s long at {planned.sample_rate:.4g} Hz"
+    span = f"{planned.duration:.3g} s long, sampled at {planned.sample_rate:.4g} Hz"
+    return f"{text}, with {circuit.replace('_', ' ')}, {span}"
 
 
 def _ohms(load: float) -> str:

@@ -328,7 +328,7 @@ class CandidateFits:
         step = self._fit(free, nuisance, found)
         if step is None or self._is_start_alone(step):
             return now
-        self.progress(f"{', '.join(now.effects)}: still in progress as records begin")
+        self.progress(f"{', '.join(now.effects)}: not settled as records begin: initial values are fitted too")
         return self._remember_converged(step) or now
 
     def begun_as_shown(self, now: EffectChange) -> EffectChange:
@@ -389,7 +389,7 @@ class CandidateFits:
         again = self._fit(start, nuisance, now.found, aim=now.fair_cost)
         if again is None or again.cost > now.cost - thresholds.MIN_IMPROVEMENT:
             return now
-        self.progress("a fit from the nominal values comes closer")
+        self.progress("a fit that starts from the nominal values has a smaller misfit")
         self.remember(again)
         return again
 
@@ -461,5 +461,5 @@ class CandidateFits:
         step = EffectChange(found, self.count_begun(model))
         names, change = " + ".join(step.effects), step.cost - self.base.cost
         self.fit_records.append(FitRecord(names, change, variance_inflation(found, -1)))
-        self.progress(Step(f"tried {names or 'nominal values'}: misfit (-2 ln L) {change:+.1f}"))
+        self.progress(Step(f"tried {names or 'nominal values'}: change of the misfit (-2 ln L) {change:+.1f}"))
         return step

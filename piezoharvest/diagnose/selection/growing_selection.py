@@ -46,7 +46,7 @@ def _from_smaller_drives(trials: CandidateFits) -> Search | None:
     if smaller is None or less is None:
         return None
     names = ", ".join(data.name for data in smaller.part.data)
-    trials.progress(f"{names}: the drive is smaller, so that effects are sought there first")
+    trials.progress(f"{names}: smaller drive, so effects are sought here first")
     shown = select(CandidateFits(smaller.part, less, trials.library, trials.progress, trials.held))
     if shown.left:  # what no effect explains there, none will where drives are larger
         return None

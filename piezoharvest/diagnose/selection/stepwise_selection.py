@@ -26,7 +26,7 @@ from piezoharvest.predict.prediction import PredictionError
 FITS_PER_STAGE = 4  # full fits a stage
 FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
 STAGE_ITERATIONS = 6  # iterations after which a full fit waits for the others of its stage
-UNEXPLAINED_MESSAGE = "the conspicuous residuals are unchanged: no effect of the library explains them"
+UNEXPLAINED_MESSAGE = "the largest excess of the residuals over the noise remains: no known effect explains it"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from piezoharvest.progress import Iteration
 
 MAX_ITERATIONS = 60  # most iterations
 NOT_CONVERGED = "too many iterations"  # message of a descent that has not converged
-GIVEN_UP = "given up: it would not become as good as other fits"
+GIVEN_UP = "given up: this fit would not become as good as the others"
 ROUGH_TOLERANCE = 1e-3  # of the cost: predicted decrease at which a rough descent ends
 RELATIVE_TOLERANCE = 1e-5  # the same for any other, relative to the cost above that of noise
 MAX_SMALL_DECREASES = 2  # iterations in a row with a decrease below the limit, after which the descent ends

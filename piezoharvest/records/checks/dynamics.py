@@ -81,14 +81,14 @@ def too_slow(record: Record, lost: float, transducer: Transducer) -> Iterator[Fi
     if not isinstance(record.shunt, LinearShunt):
         found = f"{rate}, at which straight lines between samples would lose {lost:.0%}"
         allowed = f"of the response that the nominal model gives, up to {_MAX_LOST_SHARE:.0%} is allowed"
-        remedy = "the lines that are used lose less, but parameters may be off by as much as they do: sample faster"
+        remedy = "the interpolation in use loses less, but parameters may be off by as much as it loses: sample faster"
         message = f"{found} {allowed}; {remedy}"
     elif share > _MAX_SHARE_ABOVE:
         above = f"and {share:.1%} of the drive's power above {highest:.4g} Hz"
-        message = f"{rate}, {above}, where samples do not tell the motion between them; it must be sampled faster"
+        message = f"{rate}, {above}, where samples do not determine the motion between them; sample faster"
     elif transducer.short_circuit_frequency > highest:
         resonance = f"where the nominal model resonates at {transducer.short_circuit_frequency:.4g} Hz"
-        remedy = "what the drive has there, if anything, looks like a lower frequency: sample faster"
+        remedy = "components of the drive there are aliased to lower frequencies: sample faster"
         message = f"{rate}, {resonance}, {highest:.4g} Hz is allowed; {remedy}"
     else:
         return

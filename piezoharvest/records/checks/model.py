@@ -145,7 +145,7 @@ def _beyond_charge(record: Record, transducer: Transducer) -> Iterator[Finding]:
     most = float(np.mean(0.5 * (rates[1:] + rates[:-1])[inside])) if inside.any() else 0.0
     factor = float(np.mean(np.abs(record["current"][1:-1][inside]))) / most if most > 0.0 else 0.0
     if factor > MAX_FACTOR:
-        than = "times the current that displacement and voltage can be of by the nominal capacitance and coupling"
+        than = "times the largest current that displacement and voltage give with the nominal capacitance and coupling"
         # The least prefix of so much; nominal values may be off by two.
         hint = _unit_hint(record, "current", 1000.0 ** np.ceil(np.log10(0.5 * factor) / 3.0))
         yield _finding(record, "unit", "current", f"found at least {factor:.2g} {than}, {hint}")

@@ -66,7 +66,7 @@ def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray
     """Findings for runs: clipped at the largest or the least value of the record, frozen elsewhere."""
     values = signal.values
     at = values[ranges[:, 0]]
-    for limit, side in ((values.max(), "largest"), (values.min(), "least")):
+    for limit, side in ((values.max(), "largest"), (values.min(), "smallest")):
         clipped = ranges[at == limit]
         if len(clipped):
             count = int(np.sum(clipped[:, 1] - clipped[:, 0] + 1))

@@ -117,7 +117,7 @@ class ChannelSource(Component):
             found = f"found the unit {stated.text!r} in the file, which a gain overrules, and gain = -1 without a unit"
             raise ParameterError(
                 "unit",
-                f'{found}; {{ unit = "{si}", gain = {-stated.factor:.10g} }} turns the sign of values in that unit',
+                f'{found}; {{ unit = "{si}", gain = {-stated.factor:.10g} }} reverses the sign of values in that unit',
             )
         values = raw if scale == 1 else scale * raw
         return values if shift == 0 else values + shift

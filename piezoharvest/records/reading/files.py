@@ -110,14 +110,14 @@ class Files(ExitStack):
 
     def below(self) -> list[Finding]:
         """Findings for files that are cut off, and for lines with numbers below the tables, which were not read."""
-        allowed = "which is not read (the key rows of the record selects its lines)"
+        not_read = "this line and those below it are not read (the key `rows` of a record selects lines)"
         cut = [
             Finding("warning", "cut off", name, "", (), f"{reader.cut_off}; likely the file is cut off")
             for name, reader in self._open.items()
             if reader.cut_off
         ]
         return cut + [
-            Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table, {allowed}")
+            Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table: {not_read}")
             for name, reader in self._open.items()
             if reader.left_out is not None
             for row, text in [reader.left_out]

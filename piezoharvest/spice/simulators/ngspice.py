@@ -86,10 +86,8 @@ class Clock:
         self.at = float(found[-1]) if found else self.at
         share = min(self.at / self.end, 1.0) if self.end else 0.0
         if spent > self.timeout:
-            reached = f", when {100 * share:.2g} % of the run were done" if self.end else ""
-            raise NgspiceError(
-                f"ngspice was stopped after {self.timeout:g} s, the longest that is waited for it{reached}"
-            )
+            reached = f", when {100 * share:.2g} % of the run was done" if self.end else ""
+            raise NgspiceError(f"ngspice was stopped after {self.timeout:g} s, the time limit{reached}")
         if spent > QUICK and (done := int(PARTS * share)) > self.told:
             self.told = done
             self.progress(Step(f"ngspice: {100 * share:.0f} % of its run after {spent:.0f} s", done, PARTS))

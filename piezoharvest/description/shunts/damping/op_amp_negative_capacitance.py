@@ -42,7 +42,7 @@ class OpAmpNegativeCapacitance(Shunt):
             "resistance": 1 / (2 * np.pi * leads.frequency * leads.capacitance),
             "gain_bandwidth": GENERAL_PURPOSE, "saturation": ASSUMED_SUPPLY,
         }  # fmt: skip
-        note = f"-{own['capacitance']:.3g} F, half of what is unstable, of an amplifier of {GENERAL_PURPOSE:g} Hz"
+        note = f"-{own['capacitance']:.3g} F, half the stability limit, of an amplifier of {GENERAL_PURPOSE:g} Hz"
         return own, f"{note} whose output reaches {ASSUMED_SUPPLY:g} V"
 
     @property

@@ -84,7 +84,7 @@ def functions_of_memories(
                 continue
             change = again.found.cost - start.cost
             what = "a lagging function" if isinstance(memory, LaggingFunction) else f"a function of a {memory.kind}"
-            progress(f"tried {what} at {again.place.name}: -2 ln L {change:+.1f}")
+            progress(f"tried {what} at {again.place.name}: change of the misfit (-2 ln L) {change:+.1f}")
             if not takes_energy(problem, again, -change):
                 progress(f"there it would give energy, so that it is no law of the {again.place.name}")
                 continue
