@@ -9,13 +9,24 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from piezoharvest.description.effects.nameless.circuit_places import Diode
-from piezoharvest.description.effects.nameless.forms import DeadZone, Hertz, Knee, Monomial, Polynomial, Power, TwoKnees
+from piezoharvest.description.effects import DiodeDropError
+from piezoharvest.description.effects.nameless.circuit_places import Diode, SwitchLoop
+from piezoharvest.description.effects.nameless.forms import (
+    DeadZone,
+    Hertz,
+    Knee,
+    Line,
+    Monomial,
+    Polynomial,
+    Power,
+    TwoKnees,
+)
 from piezoharvest.description.effects.nameless.places import Damper, Load, OverTime, Spring
 from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.parameters import altered
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.forms.closest import closest
-from piezoharvest.diagnose.discovery.forms.distance import CurveDistance, Distance
+from piezoharvest.diagnose.discovery.forms.distance import CurveDistance, Distance, drop_path
 from piezoharvest.diagnose.discovery.forms.families import families
 from piezoharvest.diagnose.discovery.forms.family import Family, column
 from piezoharvest.diagnose.discovery.forms.projection import Members
@@ -230,3 +241,15 @@ def test_a_curve_is_no_sharper_than_its_table_tells(curve):
     table = table_of(Load(), step)
     x = Distance(table).x
     assert like(step, table).form.scale >= 0.99 * np.abs(x[x != 0.0]).min()
+
+
+@pytest.mark.parametrize(("place", "free"), [(DIODE, True), (SwitchLoop(reach=1.0), False)], ids=["diode", "loop"])
+def test_a_drop_of_diodes_that_is_free_is_a_constant_of_theirs_alone(place, free):
+    """A loop that loses a constant voltage is no bridge with another drop: the constant is all of its law."""
+    transducer = Transducer(
+        mass=1.0, damping=1.0, stiffness=1.0, coupling=1.0, capacitance=1.0, effects=(DiodeDropError(diode_drop=0.6),)
+    )
+    table = table_of(place, Line(factor=1.0))
+    table.found.model.transducer = transducer
+    assert drop_path(transducer, place) == (("effects", 0, "diode_drop") if free else ())
+    assert Distance(table).with_constant == free

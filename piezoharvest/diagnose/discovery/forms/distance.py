@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.description.effects import DiodeDropError
+from piezoharvest.description.effects.nameless.circuit_places import Diode
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.transducer import Transducer
@@ -19,8 +20,8 @@ CURVE_UNIT = 1e-3  # of a curve's size: what one formula may be from another tha
 
 
 def drop_path(transducer: Transducer, place: Place) -> Path:
-    """Path of the free drop of diodes, beside a voltage; empty where their label is trusted, and beside a current."""
-    effects = transducer.effects if place.unit == "V" else ()
+    """Path of the free drop of diodes, beside a voltage of theirs; empty where their label is trusted."""
+    effects = transducer.effects if isinstance(place, Diode) else ()
     return next((("effects", n, "diode_drop") for n, e in enumerate(effects) if isinstance(e, DiodeDropError)), ())
 
 
