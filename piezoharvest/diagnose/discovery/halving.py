@@ -14,8 +14,8 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.progress import Stage
 
-# Iterations of each round. In three circuits a right place was among the first four of 25 after three, and the first or
-# third after six.
+# Iterations of each round. From three fits without a law, of two circuits, the right place was among the first four of
+# 25 after three, and the first or third after six.
 ROUNDS = (3, 6)
 
 
