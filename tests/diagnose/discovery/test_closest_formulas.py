@@ -253,3 +253,18 @@ def test_a_drop_of_diodes_that_is_free_is_a_constant_of_theirs_alone(place, free
     table.found.model.transducer = transducer
     assert drop_path(transducer, place) == (("effects", 0, "diode_drop") if free else ())
     assert Distance(table).with_constant == free
+
+
+def test_far_from_zero_a_curve_may_be_as_sharp_as_it_is():
+    """A parameter that settles within seconds, in records that were made after a minute."""
+    settling = Shape(factor=-1e4, scale=-0.08, curve="exponential", bent=False)
+    place = OverTime(parameter="stiffness", of="campaign_time")
+    x = np.linspace(0.8, 1.0, 1500)
+    form = table_for(place, x)
+    pieces, free = pieces_of(form, x), np.ones((len(x), 1)) / np.sqrt(len(x))
+    values = settling.values(x) + 1e-5 * np.random.default_rng(0).standard_normal(len(x))
+    pieces, values = pieces - free @ (free.T @ pieces), values - free @ (free.T @ values)
+    table = table_of(CAMPAIGN, settling)
+    table.form, table.visited, table.place = form, x, place
+    table.normal = pieces.T @ pieces / 1e-10, pieces.T @ values / 1e-10
+    assert like(settling, table).form.scale == pytest.approx(-0.08, rel=0.05)

@@ -21,7 +21,7 @@ from piezoharvest.description.effects.nameless.forms import (
 from piezoharvest.description.effects.nameless.places import TIMES
 from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.effects.nameless.sizes import SIZES
-from piezoharvest.diagnose.discovery.forms.distance import Distance, of_itself, recorded
+from piezoharvest.diagnose.discovery.forms.distance import SAMPLES, Distance, of_itself, recorded
 from piezoharvest.diagnose.discovery.forms.family import Family, column
 from piezoharvest.diagnose.discovery.law_fits import LawFit
 
@@ -125,11 +125,12 @@ def _powers(size: float, sides: list[int]) -> Iterator[Family | tuple[Family, ..
 def _curves(table: LawFit, distance: Distance, size: float) -> Iterator[Family | tuple[Family, ...]]:
     """Curves with a scale, which equations have as broken lines.
 
-    One that has come to its end before the least input is a constant: a table cannot tell it from sharper ones, in
-    which a fit would begin with no slope to any other scale.
+    Where inputs come to zero, one that has come to its end before the least of the others is a constant: a table cannot
+    tell it from sharper ones, in which a fit would begin with no slope to any other scale.
     """
-    place = table.place
-    sharpest = float(np.min(np.abs(distance.x[distance.x != 0.0]))) / size
+    place, sizes = table.place, np.abs(distance.x)
+    at_zero = sizes.min() <= np.ptp(distance.x) / SAMPLES
+    sharpest = float(sizes[sizes > 0.0].min()) / size if at_zero else 0.0
     for curve, bent in product(SCALED, (False, True) if of_itself(place) else (table.law.bent,)):
         most = CURVED if bent else STRAIGHT
         shares = (*SCALES, most, *SATURATION_CURRENTS * (place.in_circuit and curve == "log"))
@@ -139,7 +140,7 @@ def _curves(table: LawFit, distance: Distance, size: float) -> Iterator[Family |
                 Shape(factor=0.0, scale=sign * size, curve=curve, bent=bent),
                 lambda c, u, s=sign: {"factor": c[0], "scale": s * size * np.exp(u[0])},
                 column(np.log(shares)),
-                least=np.log(sharpest) if curve in SATURATING else -np.inf,
+                least=np.log(sharpest) if curve in SATURATING and sharpest > 0.0 else -np.inf,
                 most=np.log(most),
             )
             for sign in ((1.0, -1.0) if curve == "exponential" else (1.0,))
