@@ -69,7 +69,8 @@ def rivals(
 def _promising(problem: Problem, start: Fit, gain: float) -> list[ScoredLaw]:
     """Tables whose scores come near to the gain of the effects, the highest first."""
     visited = visited_inputs(problem, start)
-    forms = [(place, table_for(place, visited[place.input])) for place in places_of(problem, visited)]
+    engine = problem.needs_engine
+    forms = [(place, table_for(place, visited[place.input], in_engine=engine)) for place in places_of(problem, visited)]
     laws = [Law(place=place, form=form) for place, form in forms if form is not None]
     scored = [score(problem, start, law, visited[law.place.input]) for law in laws]
     enough = thresholds.MIN_EXCHANGE_SCORE * (gain + 2.0 * (thresholds.PRIOR_LOG_ODDS - thresholds.MIN_LOG_ODDS))

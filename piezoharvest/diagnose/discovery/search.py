@@ -419,7 +419,7 @@ def _explained_beside(problem: Problem, best: LawFit, other: ScoredLaw) -> tuple
     explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
         float(part.squares.sum()) for part in best.found.sums
     )
-    own = _gain_from(problem, bare, _without_values(best), best.visited)
+    own = _gain_from(problem, bare, _without_values(problem, best), best.visited)
     return explained, own, _gain_from(problem, bare, other.law, other.visited)
 
 
@@ -431,14 +431,14 @@ def _gain_from(problem: Problem, bare: Fit, law: Law, visited: np.ndarray) -> fl
     return max((each.gain for each in score_memories(problem, bare, [at_null(law)], visited)), default=0.0)
 
 
-def _without_values(some: LawFit) -> Law:
+def _without_values(problem: Problem, some: LawFit) -> Law:
     """The law without kinks, or with the factor 0, as it is scored; in the place of a formula a table."""
     law, form = some.law, some.form
     if law.memory is not None and isinstance(form, Line):
         return replace(law, form=replace(form, factor=0.0))
     if isinstance(form, TABLES):
         return replace(law, form=replace(form, kinks=(0.0,) * len(form.kinks)))
-    table = table_for(some.place, some.visited, remembered=law.memory is not None)
+    table = table_for(some.place, some.visited, remembered=law.memory is not None, in_engine=problem.needs_engine)
     return law if table is None else replace(law, form=table)
 
 
@@ -466,7 +466,7 @@ def _first_form(problem: Problem, place: Place, visited: np.ndarray) -> Form | N
         return None
     if problem.needs_engine and isinstance(place, OverTime) and place.of in TIMES:
         return Line(factor=0.0)
-    return table_for(place, visited)
+    return table_for(place, visited, in_engine=problem.needs_engine)
 
 
 def _memories(problem: Problem, start: Fit, place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:

@@ -145,7 +145,8 @@ def _kind(form: Form) -> tuple[object, ...]:
 
 def as_table(problem: Problem, law: LawFit) -> LawFit | None:
     """The fit with a table over all that the law has visited, begun where the law is; None where it has no solution."""
-    form, bare = table_for(law.place, law.visited), without_law(problem, law)
+    form = table_for(law.place, law.visited, in_engine=problem.needs_engine)
+    bare = without_law(problem, law)
     if form is None:
         return None
     x = spread_inputs(law)
