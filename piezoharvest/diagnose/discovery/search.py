@@ -57,6 +57,7 @@ OVER_SCORE = 1.25  # there: times its score that a fit gains at most (1.01 measu
 # Share of a large misfit from which a table is condensed at once: of what is left to others none explains more.
 MOST_EXPLAINED = 0.5
 MOVES = 6  # of a table's corners: by five those beside a jump come to a thirtieth of their distance from it
+MOVES_IN_ENGINE = 1  # where a fit takes ten times as long: enough for formulas to begin near their end
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 MOST_LAGGING = 1.5  # share of a load's current: halfway between a lag of all of it and the lag that a delay looks like
 RIVALS = 4  # other places that are reported
@@ -304,6 +305,8 @@ class _Fits:
         Forms of tables that were condensed, the likeliest first.
     ruled_out : list of (Law, float)
         As in `Found`.
+    beside : dict of LawFit to tuple
+        What other laws are compared with (`_explained_by`).
     """
 
     problem: Problem
@@ -311,43 +314,59 @@ class _Fits:
     done: list[LawFit] = field(default_factory=list)
     condensed: dict[LawFit, list[LawFit]] = field(default_factory=dict)
     ruled_out: list[tuple[Law, float]] = field(default_factory=list)
+    beside: dict[LawFit, tuple[Fit, float, float]] = field(default_factory=dict)
 
     def try_all(self, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> None:
         """Fit laws; those that will not come close to the best so far are abandoned, or not begun."""
-        problem, start = self.problem, self.start
-        large = mean_square(start) > thresholds.LARGE_MISFIT
-        most = OVER_SCORE if problem.needs_engine and not large else np.inf
-        begun: dict[ScoredLaw, LawFit] = {}
-        if problem.needs_engine and large:
-            begun = dict(halved(problem, start, chosen, ENGINE_FITS, progress))
-            chosen = list(begun)
-        tried = 0
+        if self.problem.needs_engine and mean_square(self.start) > thresholds.LARGE_MISFIT:
+            self._try_behind_circuits(chosen, progress)
+            return
+        most, tried = OVER_SCORE if self.problem.needs_engine else np.inf, 0
         for n, each in enumerate(chosen):
-            if problem.needs_engine and n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
+            if self.problem.needs_engine and n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
                 break
             best = min((one.evidence for one in self.done), default=np.inf)
-            if start.cost - most * each.gain > best + thresholds.CLOSE_COST or self._is_ruled_out(each):
+            if self.start.cost - most * each.gain > best + thresholds.CLOSE_COST or self._is_ruled_out(each):
                 continue
-            aim = best + thresholds.CLOSE_COST
-            found = (
-                continued(problem, start, begun[each], aim)
-                if each in begun
-                else fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
-            )
+            self._try(each, None, progress)
             tried += 1
-            if found is None:
-                continue
-            found = self._bent_where_the_law_bends(found)
-            change = found.found.cost - start.cost
-            progress(f"tried a law at {_words(each.law)}: change of the misfit (-2 ln L) {change:+.1f}")
-            if found.memory_at_its_end:
-                progress(
-                    "there it would resonate or relax outside the range that was looked at, so that it does neither"
-                )
-            elif takes_energy(problem, found, start.cost - found.found.cost):
-                self.done.append(found)
-            else:
-                progress(f"there it would give energy, so that it is no law of the {found.place.name}")
+
+    def _try_behind_circuits(self, chosen: Sequence[ScoredLaw], progress: Callable[[str], None]) -> None:
+        """Fit the highest score of a large misfit, and where that is not the law, what a few iterations of each say.
+
+        Where it is, they would take longer than the whole of its fit.
+        """
+        self._try(chosen[0], None, progress)
+        left = [each for each in chosen[1:] if not self._is_ruled_out(each)]
+        begun = halved(self.problem, self.start, left, ENGINE_FITS, progress)
+        tried = 0
+        for n, (each, law) in enumerate(begun):
+            if n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
+                break
+            if not self._is_ruled_out(each):
+                self._try(each, law, progress)
+                tried += 1
+
+    def _try(self, each: ScoredLaw, begun: LawFit | None, progress: Callable[[str], None]) -> None:
+        """Fit a law, from its score or from where it was `begun`, and keep it if it can be one."""
+        problem, start = self.problem, self.start
+        aim = min((one.evidence for one in self.done), default=np.inf) + thresholds.CLOSE_COST
+        found = (
+            fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim)
+            if begun is None
+            else continued(problem, start, begun, aim)
+        )
+        if found is None:
+            return
+        found = self._bent_where_the_law_bends(found)
+        change = found.found.cost - start.cost
+        progress(f"tried a law at {_words(each.law)}: change of the misfit (-2 ln L) {change:+.1f}")
+        if found.memory_at_its_end:
+            progress("there it would resonate or relax outside the range that was looked at, so that it does neither")
+        elif takes_energy(problem, found, start.cost - found.found.cost):
+            self.done.append(found)
+        else:
+            progress(f"there it would give energy, so that it is no law of the {found.place.name}")
 
     def _is_ruled_out(self, other: ScoredLaw) -> bool:
         """True if the best law so far leaves no more than noise of a large misfit, and another does not come close.
@@ -362,7 +381,10 @@ class _Fits:
         best = self._condensed(best) if large else best
         if large and leaves_much(best) and not self._is_dominant(best):
             return False
-        explained, own, others = _explained_beside(problem, best, other)
+        if best not in self.beside:
+            self.beside[best] = _explained_by(problem, best)
+        bare, explained, own = self.beside[best]
+        others = _gain_from(problem, bare, other.law, other.visited)
         if others > thresholds.MIN_EXCHANGE_SCORE * min(explained, own):
             return False
         self.ruled_out.append((other.law, 0.5 * (others - explained)))
@@ -384,12 +406,12 @@ class _Fits:
     def _bent_where_the_law_bends(self, law: LawFit) -> LawFit:
         """The law, with the corners of a table that is too coarse moved while that makes it likelier.
 
-        Not over a campaign, between whose records nothing is known, nor where the engine is needed, as each fit takes
-        ten times as long there.
+        Not over a campaign, between whose records nothing is known. Where the engine is needed, of a law alone that is
+        at the right place by all that it explains.
         """
-        if law.place.input == "campaign_time" or self.problem.needs_engine:
+        if law.place.input == "campaign_time" or (self.problem.needs_engine and not self._is_dominant(law)):
             return law
-        for _ in range(MOVES):
+        for _ in range(MOVES_IN_ENGINE if self.problem.needs_engine else MOVES):
             if not self._is_coarse(law):
                 break
             again = with_moved_knots(self.problem, law)
@@ -409,18 +431,17 @@ class _Fits:
         return self.condensed[table]
 
 
-def _explained_beside(problem: Problem, best: LawFit, other: ScoredLaw) -> tuple[float, float, float]:
-    """What the best law explains where it has taken the parameters, its score there, and that of another law.
+def _explained_by(problem: Problem, best: LawFit) -> tuple[Fit, float, float]:
+    """The fit without a law, where it has taken the parameters, what it explains there, and its score.
 
-    There a score tells more than at the start, from which a fit may take minutes: without a law the parameters have
-    gone far to make up for it. Of a large law a score is little, for the best one as for the others.
+    There the score of another law tells more than at the start, from which a fit may take minutes: without a law the
+    parameters have gone far to make up for it. Of a large law a score is little, for the best one as for the others.
     """
     bare = without_law(problem, best)
     explained = linearised(problem, bare.model, bare.nuisance, bare)[2] - sum(
         float(part.squares.sum()) for part in best.found.sums
     )
-    own = _gain_from(problem, bare, _without_values(problem, best), best.visited)
-    return explained, own, _gain_from(problem, bare, other.law, other.visited)
+    return bare, explained, _gain_from(problem, bare, _without_values(problem, best), best.visited)
 
 
 def _gain_from(problem: Problem, bare: Fit, law: Law, visited: np.ndarray) -> float:

@@ -83,7 +83,7 @@ def table_of(place, form, size=1.0, noise=0.02, seed=0):
         place=place,
         normal=(pieces.T @ pieces / std**2, pieces.T @ noisy / std**2),
         samples=SAMPLES,
-        found=SimpleNamespace(model=SimpleNamespace(transducer=SimpleNamespace(effects=()))),
+        found=SimpleNamespace(model=SimpleNamespace(transducer=SimpleNamespace(effects=()), parameters=())),
     )
 
 
@@ -198,7 +198,8 @@ def curve_of(place, form, size):
     """A fit of a formula, as far as a distance from its curve knows it."""
     x = size * np.linspace(-1.0, 1.0, 501)
     law = SimpleNamespace(bent=place.bent, form=form)
-    return SimpleNamespace(form=form, visited=x, law=law, place=place, samples=SAMPLES)
+    found = SimpleNamespace(model=SimpleNamespace(parameters=()))
+    return SimpleNamespace(form=form, visited=x, law=law, place=place, samples=SAMPLES, found=found)
 
 
 def nearest(law):
@@ -268,3 +269,14 @@ def test_far_from_zero_a_curve_may_be_as_sharp_as_it_is():
     table.form, table.visited, table.place = form, x, place
     table.normal = pieces.T @ pieces / 1e-10, pieces.T @ values / 1e-10
     assert like(settling, table).form.scale == pytest.approx(-0.08, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["knee", "curve"])
+def test_a_formula_leaves_something_of_the_parameter_that_it_is_beside(name):
+    """A knee close to zero, before the first corner of a table: a closer one has a slope that takes the stiffness."""
+    table = table_of(Spring(), Knee(factor=1.0, knee=0.05))
+    kind = Knee(factor=1.0, knee=0.05) if name == "knee" else Shape(factor=1.0, scale=0.1, curve="tanh", bent=True)
+    assert Distance(table).line(like(kind, table).form) > 20.0
+    model = table.found.model
+    model.transducer, model.parameters = SimpleNamespace(stiffness=2.0), (SimpleNamespace(path=("stiffness",)),)
+    assert Distance(table).line(like(kind, table).form) < 2.0

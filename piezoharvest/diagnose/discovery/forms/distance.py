@@ -9,9 +9,9 @@ from piezoharvest.description.effects.nameless.circuit_places import Diode
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.places import Place, Reading
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.diagnose.discovery.law_fits import OWN, LawFit
 from piezoharvest.diagnose.discovery.tables.knots import pieces_of
-from piezoharvest.predict.parameters import Path
+from piezoharvest.predict.parameters import Path, value_at
 
 GAP = 10.0  # times the median distance of two samples: more is between two records
 SAMPLES = 400  # inputs at which formula and table are compared
@@ -55,11 +55,15 @@ class Distance:
         Kinks of the table, whitened.
     with_constant : bool
         A constant beside the function is free.
+    most_line : float
+        Slope of a straight line that leaves nothing of the model's own parameter there: beside a formula with more, a
+        stiffness, a damping or a capacitance would be negative.
     """
 
     def __init__(self, table: LawFit) -> None:
         form = table.form
         assert isinstance(form, Corners | Bends)
+        self.most_line = _own_value(table)
         self.samples = table.samples
         self.x = spread_inputs(table)
         # A voltage in a circuit begins at zero, with the current of the part, unless a constant drop of diodes is free
@@ -84,7 +88,11 @@ class Distance:
 
     def line(self, form: Form) -> float:
         """Slope of the straight line in a formula beside what the kinks of the table can stand for."""
-        return float((self.inverse @ np.real(form.values(self.x)) / self.size)[-1])
+        return float(self.lines(np.real(form.values(self.x))))
+
+    def lines(self, values: np.ndarray) -> np.ndarray:
+        """The same of functions by their values (..., n) at the inputs."""
+        return values @ self.inverse[-1] / self.size[-1]
 
     def constant(self, form: Form) -> float:
         """Constant in a formula, likewise."""
@@ -98,6 +106,7 @@ class CurveDistance(Distance):
     """
 
     def __init__(self, law: LawFit) -> None:
+        self.most_line = _own_value(law)
         self.samples = law.samples
         self.x = spread_inputs(law, CURVE_SAMPLES)
         self.own = np.real(law.form.values(self.x))
@@ -110,13 +119,24 @@ class CurveDistance(Distance):
         self.whitened = left / (CURVE_UNIT * max(float(np.sqrt(np.mean((left @ self.own) ** 2))), np.finfo(float).tiny))
         self.found = self.whitened @ self.own
 
-    def line(self, form: Form) -> float:
-        """Slope of the straight line in a formula beside that of the other one."""
-        return float((self.inverse @ (np.real(form.values(self.x)) - self.own))[-1])
+    def lines(self, values: np.ndarray) -> np.ndarray:
+        """Slopes of the straight lines in functions beside that of the other formula."""
+        return (values - self.own) @ self.inverse[-1]
 
     def constant(self, form: Form) -> float:
         """Constant in a formula, likewise."""
         return float((self.inverse @ (np.real(form.values(self.x)) - self.own))[0])
+
+
+def _own_value(law: LawFit) -> float:
+    """Value of the parameter of the model that is a straight line at the place, and free; infinite where none is.
+
+    A coupling may have either sign.
+    """
+    path = (OWN.get(law.place.name, ""),)
+    if not law.law.bent or path == ("coupling",) or path not in {p.path for p in law.found.model.parameters}:
+        return np.inf
+    return float(np.real(value_at(law.found.model.transducer, path)))
 
 
 def of_itself(place: Place) -> bool:

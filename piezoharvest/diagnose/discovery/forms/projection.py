@@ -43,7 +43,8 @@ class Members:
     slope : (a, k, d) array
         Decrease of the residual by u, with the factors always at their best.
     cost : (a,) array
-        Square of the residual; infinite where a formula overflows, is beyond a limit, or not told from a straight line.
+        Square of the residual; infinite where a formula overflows, is beyond a limit, is not told from a straight line,
+        or leaves nothing of the parameter that it is beside.
     """
 
     u: np.ndarray
@@ -62,6 +63,8 @@ class Members:
         slope = np.einsum("akmd,am->akd", slopes, factors)
         slope = slope - columns @ (inverse @ slope)  # what the factors cannot make up for
         fine = np.any(columns, axis=(1, 2)) & np.all((u >= family.least) & (u <= family.most), axis=1)
+        if np.isfinite(distance.most_line) and np.any(fine):
+            fine[fine] = _lines(distance, family, u[fine], factors[fine]) < distance.most_line
         return cls(u.copy(), factors, residual, slope, np.where(fine, np.sum(residual**2, axis=1), np.inf))
 
     @property
@@ -112,6 +115,16 @@ def _followers(found: Members) -> np.ndarray:
     followers = np.zeros(len(order), bool)
     followers[order] = np.tril(apart <= ALIKE * cost[None], -1).any(axis=1)
     return followers
+
+
+def _lines(distance: Distance, family: Family, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Slopes (a,) of the straight lines in members: where a table tells little, two may all but cancel."""
+    with np.errstate(all="ignore"):
+        parts = (
+            factors[:, [n]] * np.real(np.atleast_2d(family.unit(n, u).values(distance.x)))
+            for n in range(family.factors)
+        )
+        return distance.lines(sum(parts, np.zeros((len(u), len(distance.x)))))
 
 
 def unit_columns(distance: Distance, family: Family, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
