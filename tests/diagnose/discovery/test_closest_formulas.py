@@ -271,12 +271,16 @@ def test_far_from_zero_a_curve_may_be_as_sharp_as_it_is():
     assert like(settling, table).form.scale == pytest.approx(-0.08, rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["knee", "curve"])
+@pytest.mark.parametrize("name", ["knee", "curve", "power"])
 def test_a_formula_leaves_something_of_the_parameter_that_it_is_beside(name):
     """A knee close to zero, before the first corner of a table: a closer one has a slope that takes the stiffness."""
     table = table_of(Spring(), Knee(factor=1.0, knee=0.05))
-    kind = Knee(factor=1.0, knee=0.05) if name == "knee" else Shape(factor=1.0, scale=0.1, curve="tanh", bent=True)
-    assert Distance(table).line(like(kind, table).form) > 20.0
+    kind = {
+        "knee": Knee(factor=1.0, knee=0.05),
+        "curve": Shape(factor=1.0, scale=0.1, curve="tanh", bent=True),
+        "power": Power(factor=1.0, exponent=1.5, scale=1.0),
+    }[name]
+    assert name == "power" or Distance(table).line(like(kind, table).form) > 20.0
     model = table.found.model
     model.transducer, model.parameters = SimpleNamespace(stiffness=2.0), (SimpleNamespace(path=("stiffness",)),)
     assert Distance(table).line(like(kind, table).form) < 2.0

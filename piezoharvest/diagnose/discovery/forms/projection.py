@@ -119,12 +119,13 @@ def _followers(found: Members) -> np.ndarray:
 
 def _lines(distance: Distance, family: Family, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Slopes (a,) of the straight lines in members: where a table tells little, two may all but cancel."""
+    values = np.zeros((len(u), len(distance.x)))
     with np.errstate(all="ignore"):
-        parts = (
-            factors[:, [n]] * np.real(np.atleast_2d(family.unit(n, u).values(distance.x)))
-            for n in range(family.factors)
-        )
-        return distance.lines(sum(parts, np.zeros((len(u), len(distance.x)))))
+        for n in range(family.factors):
+            # As in `unit_columns` with a complex step, with which values on their way to infinity are no errors.
+            unit: Any = np.atleast_2d(family.unit(n, u + 1j * COMPLEX_STEP).values(distance.x))
+            values += factors[:, [n]] * unit.real
+    return distance.lines(values)
 
 
 def unit_columns(distance: Distance, family: Family, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
