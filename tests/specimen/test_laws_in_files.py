@@ -34,7 +34,7 @@ from piezoharvest.description.effects.nameless.places import (
     Reading,
     Spring,
 )
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Bump, Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.description.transducer import Transducer
@@ -59,6 +59,7 @@ LAWS = [
     Law(place=Spring(), form=TwoKnees(factor=300.0, second=80.0, upper=np.float64(1e-4), lower=-2e-4)),
     Law(place=GainOverTime("force", "campaign_time"), form=StepChange(factor=0.1, at=20.7, width=1e-3, finest=1e-4)),
     Law(place=Reading("displacement", "campaign_time"), form=Line(factor=1e-9)),
+    Law(place=OverTime("capacitance", "campaign_time"), form=Bump(factor=-0.06, at=6.5, width=np.float64(3.0))),
     Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from piezoharvest.diagnose.discovery.law_fits import LawFit, ScoredLaw, continued, fitted
-from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP, Fit
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.progress import Stage
 
@@ -20,12 +22,13 @@ ROUNDS = (3, 6)
 
 
 def halved(
-    problem: Problem, start: Fit, scored: Sequence[ScoredLaw], least: int, progress: Callable[[str], None]
+    problem: Problem, start: Fit, scored: Sequence[ScoredLaw], least: int, progress: Callable[[str], None],
+    aim: float = np.inf,
 ) -> list[tuple[ScoredLaw, LawFit]]:  # fmt: skip
     """Scored laws with what a few iterations made of them, the best first.
 
-    Of those that explain nothing by then none remains, of the others a half after each round, though not fewer than
-    `least`.
+    Of those that explain nothing by then, or will not reach the cost `aim`, none remains, of the others a half after
+    each round, though not fewer than `least`.
     """
     left: list[tuple[ScoredLaw, LawFit | None]] = [(each, None) for each in scored]
     done: list[tuple[ScoredLaw, LawFit]] = []
@@ -34,11 +37,11 @@ def halved(
         for n, (each, begun) in enumerate(left):
             stage.reached(n, len(left))
             found = (
-                fitted(problem, start, each.law, each.visited, each.smoothness.deviation, most=most)
+                fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim, most)
                 if begun is None
-                else continued(problem, start, begun, most=most)
+                else continued(problem, start, begun, aim, most)
             )
-            if found is not None and found.found.cost < start.cost:
+            if found is not None and found.found.cost < start.cost and found.found.message != GIVEN_UP:
                 done.append((each, found))
         done.sort(key=lambda pair: pair[1].found.cost)
         done = done[: max(least, (len(done) + 1) // 2)]

@@ -14,7 +14,7 @@ from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Memory, Play, Relaxation, Resonance
 from piezoharvest.description.effects.nameless.places import LoadCurrent, Place
-from piezoharvest.description.effects.nameless.shapes import Shape, StepChange
+from piezoharvest.description.effects.nameless.shapes import Bump, Shape, StepChange
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.tables.knots import moved
@@ -198,8 +198,11 @@ def _near(parameter: Parameter, memory: Memory) -> Parameter:
 
 
 def _while_recorded(parameter: Parameter, law: Law, visited: np.ndarray) -> Parameter:
-    """Parameter of a law; the moment of a step is one at which something was recorded: outside it is a constant."""
-    if not isinstance(law.form, StepChange) or parameter.path[-1] != "at":
+    """Parameter of a law; the moment of a step is one at which something was recorded: outside it is a constant.
+
+    Nor is anything told of a bump whose height is outside.
+    """
+    if not isinstance(law.form, StepChange | Bump) or parameter.path[-1] != "at":
         return parameter
     return replace(parameter, lower=float(visited.min()), upper=float(visited.max()))
 

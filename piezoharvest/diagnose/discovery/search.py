@@ -338,7 +338,10 @@ class _Fits:
         """
         self._try(chosen[0], None, progress)
         left = [each for each in chosen[1:] if not self._is_ruled_out(each)]
-        begun = halved(self.problem, self.start, left, ENGINE_FITS, progress)
+        # Beside a law that is at the right place by all that it explains, no other needs to be the best of the rest.
+        best = min((self._condensed(each) for each in self.done), key=lambda each: each.evidence, default=None)
+        aim = best.evidence + thresholds.CLOSE_COST if best is not None and self._is_dominant(best) else np.inf
+        begun = halved(self.problem, self.start, left, ENGINE_FITS, progress, aim)
         tried = 0
         for n, (each, law) in enumerate(begun):
             if n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):

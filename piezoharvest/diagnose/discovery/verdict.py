@@ -113,14 +113,47 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     first = [(search_campaign, done.base), (partial(search_growing, given=free), done.base)]
     ways = [*first, *((search, each) for each in starts)]
     ways = [(search, done.final), *ways[:-1]] if _dominant(done) else ways
+    denied: list[Found] = []
     for seek, begun in chain(ways, _beside_one_effect(trials, done)):
         start = _with_drop_free(trials, begun)
-        found = found_laws(campaign, before, problem, start, progress, seek, free)
+        found = found_laws(campaign, before, problem, start, progress, partial(_sought_anew, seek, denied), free)
         if found is not None:
             beside = tuple(range(done.given_effects, len(start.model.transducer.effects)))
             found, kept = without_riders(campaign, before, problem, found, beside, progress)
             return _as_diagnosed(campaign, before, problem, done, found, kept)
     return None
+
+
+def _sought_anew(
+    seek: Seek, earlier: list[Found], problem: Problem, start: Fit, progress: Callable[[str], None]
+) -> Found | None:
+    """What is found, unless it is one of the `earlier`, which unseen records have denied.
+
+    If it is not, it becomes one of them.
+    """
+    found = seek(problem, start, progress)
+    if found is not None and any(_no_better(found, each) for each in earlier):
+        progress("it was found before, and does not explain records that were not fitted")
+        return None
+    earlier += [] if found is None else [found]
+    return found
+
+
+def _no_better(found: Found, other: Found) -> bool:
+    """True if a law is where another one is, beside the same effects, and explains no more."""
+    same = all(_where(a) == _where(b) for a, b in ((found.table, other.table), (found.best, other.best)))
+    return same and found.final.cost > other.final.cost - thresholds.CLOSE_COST
+
+
+def _where(law: LawFit) -> tuple[object, ...]:
+    """Place, memory and other effects of a fit with a law."""
+    return (
+        *EffectChange(law.found).effects[:-1],
+        law.place.name,
+        law.place.input,
+        type(law.law.memory),
+        type(law.form),
+    )
 
 
 def _dominant(done: Search) -> bool:

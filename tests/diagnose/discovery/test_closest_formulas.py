@@ -22,7 +22,7 @@ from piezoharvest.description.effects.nameless.forms import (
     TwoKnees,
 )
 from piezoharvest.description.effects.nameless.places import Damper, Load, OverTime, Spring
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Bump, Coulomb, Shape, Shockley, StepChange, Stribeck
 from piezoharvest.description.parameters import altered
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.discovery.forms.closest import closest
@@ -54,6 +54,7 @@ TRUE = {
     "hyperbolic tangent": (Spring(), Shape(factor=1.0, scale=0.2, curve="tanh", bent=True), ("factor", "scale")),
     "diode": (DIODE, Shockley(factor=1.0, scale=1e-4, resistance=3.0), ("factor", "scale", "resistance")),
     "step": (CAMPAIGN, StepChange(factor=1.0, at=0.52, width=0.05), ("factor", "at", "width")),
+    "bump": (CAMPAIGN, Bump(factor=-1.0, at=0.55, width=0.2), ("factor", "at", "width")),
     "dry friction": (Damper(), Coulomb(factor=1.0, width=0.01), ("factor",)),
     "friction of Stribeck": (
         Damper(),

@@ -37,7 +37,7 @@ from piezoharvest.description.effects.nameless.places import (
     Reading,
     Spring,
 )
-from piezoharvest.description.effects.nameless.shapes import Shape, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Bump, Shape, StepChange, Stribeck
 from piezoharvest.description.shunts import ParallelSSHI, Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
 from piezoharvest.diagnose.discovery.effect_test import save_effect_test
@@ -67,6 +67,7 @@ LAWS = [
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
     Law(place=DcLoad(reach=10.0), form=Knee(factor=1e-6, knee=4.0, sides=1)),
     Law(place=Reading("voltage", "time"), form=StepChange(factor=-0.3, at=0.6, width=0.01)),
+    Law(place=Reading("voltage", "time"), form=Bump(factor=-0.3, at=0.6, width=0.1)),
     Law(place=GainOverTime("displacement"), form=StepChange(factor=-0.3, at=0.6, width=0.01, finest=1e-4)),
     Law(place=SwitchLoop(reach=1e-2), form=Corners(knots=(0.0, 1e-3), kinks=(100.0, np.float64(50.0)))),
     Law(

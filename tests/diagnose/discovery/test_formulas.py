@@ -17,7 +17,7 @@ from piezoharvest.description.effects.nameless.forms import (
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play
 from piezoharvest.description.effects.nameless.places import GainOverTime, OverTime, Spring
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Bump, Coulomb, Shape, StepChange, Stribeck
 from piezoharvest.diagnose.discovery.forms.wording import formula
 
 FORMS = (
@@ -26,6 +26,7 @@ FORMS = (
     Power(factor=0.1, exponent=1.5, scale=2.0, side=1), Monomial(factor=0.1, scale=2.0, exponent=2),
     Polynomial(factor=0.1, second=0.2, scale=2.0, exponents=(2, 3)), Coulomb(factor=0.1, width=1e-3),
     Stribeck(factor=0.1, excess=0.5, speed=2.0, width=1e-3), StepChange(factor=0.1, at=2.0, width=0.1),
+    Bump(factor=0.1, at=2.0, width=1.0),
     Shape(factor=0.1, scale=2.0, curve="exponential", bent=False), Shape(factor=0.1, scale=2.0, curve="log", bent=True),
     Corners(knots=(1.0,), kinks=(0.1,)),
 )  # fmt: skip

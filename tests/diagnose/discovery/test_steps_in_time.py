@@ -6,7 +6,7 @@ from diagnose.swept import DURATION, RATE, campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezoharvest.description.effects.nameless.shapes import StepChange
+from piezoharvest.description.effects.nameless.shapes import Bump, StepChange
 from piezoharvest.diagnose import diagnose
 
 OFFSET, AT, WIDTH = -0.4, 0.8, 0.02  # V; s into a record of 1.5 s
@@ -29,6 +29,25 @@ def test_an_offset_that_comes_on(seed):
     assert law.form.factor == pytest.approx(OFFSET, rel=0.03)
     assert law.form.at == pytest.approx(AT, rel=2e-3)
     assert law.form.width == pytest.approx(WIDTH, rel=0.2)
+    assert discovery.gain > 0.95
+
+
+def test_a_disturbance_that_comes_and_goes():
+    """A lamp that warmed the sensor for a while: a table of a tenth of a record says little of other records' times."""
+
+    def warmed(voltage):
+        time = np.arange(round(RATE * DURATION)) / RATE
+        return voltage + OFFSET * np.exp(-(((time - AT) / 0.2) ** 2))
+
+    found = diagnose(campaign("white", 7, read=warmed))
+    assert found.verdict == "new_effect", (found.verdict, found.effects)
+    (discovery,) = found.discovery
+    law = discovery.law
+    assert (law.place.name, law.place.input) == ("reading.voltage", "time")
+    assert isinstance(law.form, Bump)
+    assert (law.form.factor, law.form.at, law.form.width) == (
+        pytest.approx(OFFSET, rel=0.03), pytest.approx(AT, rel=0.01), pytest.approx(0.2, rel=0.03),
+    )  # fmt: skip
     assert discovery.gain > 0.95
 
 

@@ -89,6 +89,29 @@ class StepChange(Curve):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bump(Curve):
+    """What comes and goes, as by a part that is warm for a while: a (exp(-((x - t)/w)^2) - exp(-(t/w)^2))."""
+
+    label: ClassVar[str] = "bump"
+
+    factor: float = quantity("", "what is added at the height of it", null=0.0)
+    at: float = quantity("", "input t at which it is highest, in its unit")
+    width: float = quantity("", "input w within which it has fallen to 1/e, in its unit", above=0)
+
+    def values(self, x: np.ndarray) -> Array:
+        return self.factor * (CURVES["gauss"]((np.asarray(x) - self.at) / self.width) - self.before)
+
+    @property
+    def before(self) -> Any:
+        """What makes it zero at an input of zero."""
+        return CURVES["gauss"](self.at / self.width)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        near = specimen.curve("gauss", (1.0 / self.width) * (x - self.at * specimen.one))
+        return self.factor * (near - self.before * specimen.one)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Shockley(Curve):
     """Voltage of a diode over its forward current: a log(1 + i/s) + R i, with a = n V_T, s = I_s and a resistance R.
 

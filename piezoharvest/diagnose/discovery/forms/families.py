@@ -19,7 +19,15 @@ from piezoharvest.description.effects.nameless.forms import (
     TwoKnees,
 )
 from piezoharvest.description.effects.nameless.places import TIMES
-from piezoharvest.description.effects.nameless.shapes import SCALED, Coulomb, Shape, Shockley, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import (
+    SCALED,
+    Bump,
+    Coulomb,
+    Shape,
+    Shockley,
+    StepChange,
+    Stribeck,
+)
 from piezoharvest.description.effects.nameless.sizes import SIZES
 from piezoharvest.diagnose.discovery.forms.distance import SAMPLES, Distance, of_itself, recorded
 from piezoharvest.diagnose.discovery.forms.family import Family, column
@@ -31,6 +39,7 @@ HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
 WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (1e-6, 0.5, 1.5, 2.5, 3.5, 20.0)  # start values of an exponent, from a step at zero to one at the end
 STEP_WIDTH = 0.05  # start value of a change over time, of all records: about the distance of a table's corners
+BUMP_WIDTHS = (0.05, 0.2)  # start values of what comes and goes within that time
 STEPS = 48  # start values of its moment, evenly over the samples: a few between two corners
 # Largest scale of a curve, of the largest input, without and with its straight line taken out: there its values differ
 # from the first term of its series by as much as by rounding, whose share grows with the scale or with its square.
@@ -53,6 +62,7 @@ def families(table: LawFit, distance: Distance) -> Iterator[Family | tuple[Famil
         yield Family(Line(factor=0.0, start=begin))
     if place.input in TIMES:
         yield _step(table)
+        yield _bump(table)
     yield from _powers(size, sides)
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force
@@ -70,6 +80,18 @@ def _step(table: LawFit) -> Family:
         return {"factor": c[0], "at": u[0], "width": sample + length * np.exp(u[1])}
 
     return Family(form, values, np.array([(moment, np.log(STEP_WIDTH)) for moment in moments]))
+
+
+def _bump(table: LawFit) -> Family:
+    """What comes and goes, with its height at each of many moments."""
+    length, sample = recorded(table.visited)
+    moments = np.quantile(table.visited, np.linspace(0.02, 0.98, STEPS))
+
+    def values(c: list, u: list) -> dict:
+        return {"factor": c[0], "at": u[0], "width": sample + length * np.exp(u[1])}
+
+    starts = [(moment, np.log(share)) for moment in moments for share in BUMP_WIDTHS]
+    return Family(Bump(factor=0.0, at=0.0, width=sample), values, np.array(starts))
 
 
 def _knees(table: LawFit, distance: Distance, sides: list[int]) -> Iterator[Family]:

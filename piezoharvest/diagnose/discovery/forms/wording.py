@@ -29,7 +29,7 @@ from piezoharvest.description.effects.nameless.memory import (
     Resonance,
 )
 from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.effects.nameless.shapes import Coulomb, Shape, Shockley, StepChange, Stribeck
+from piezoharvest.description.effects.nameless.shapes import Bump, Coulomb, Shape, Shockley, StepChange, Stribeck
 
 SYMBOLS = {
     "force": "F", "displacement": "x", "velocity": "x'", "displacement_rate": "x'", "voltage": "v", "current": "i",
@@ -39,6 +39,7 @@ SYMBOLS = {
 }  # fmt: skip
 PURE = ("exponent", "excess", "damping_ratio")  # values without a unit
 ADDED = ("factor", "second")  # values in the unit of what a law adds
+LEAST_SHOWN = 1e-4  # of a factor: a constant below it is left out, as formulas have four digits
 Value = tuple[float, float | None, str]
 
 
@@ -160,6 +161,9 @@ def _of_scale(form: Form, s: str, unit: str, of: str) -> str:
     if isinstance(form, StepChange):
         come = f"tanh(({s} - {form.at:.7g} {of}) / {form.width:.4g} {of}"
         return f"{form.factor:.4g} {unit} * ({come}) + {form.before:.4g}) / 2"
+    if isinstance(form, Bump):
+        before = f" - {form.before:.4g}" if form.before > LEAST_SHOWN else ""
+        return f"{form.factor:.4g} {unit} * (exp(-(({_ahead(s, form.at, of)}) / {form.width:.4g} {of})^2){before})"
     if isinstance(form, Shockley):
         rest = f" + {form.resistance:.4g} ohm * {s}" if form.resistance else ""
         return f"{form.factor:.4g} {unit} * log(1 + {s} / {form.scale:.4g} {of})" + rest
