@@ -5,9 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeVar
 
+T = TypeVar("T")
+_FOLLOWER: ContextVar[Callable[[str], object]] = ContextVar("follower")
 EVERY = 5.0  # s between two words on a stage; what is over sooner needs none
 
 
@@ -43,7 +47,8 @@ class Step(str):
     @property
     def line(self) -> str:
         """The text with the time left, where nothing but text is shown and the step has a time of its own."""
-        left = None if self.spent is None else time_left(self.done, self.total, self.spent, self.spent)
+        spent = self.spent if self.spent is not None and self.spent >= EVERY else None
+        left = time_left(self.done, self.total, spent, spent or 0.0)
         return str(self) if left is None else f"{self}, {left_in_words(left, most=self.most)}"
 
 
@@ -79,9 +84,56 @@ class Stage:
         share = f"{done} of {'at most ' if self.most else ''}{total} {self.parts}"
         self.progress(Step(f"{self.name}: {share}", done, total, spent=now - self.begun, most=self.most))
 
+    def over(self, parts: Iterable[T], total: int | None = None) -> Iterator[T]:
+        """The parts, one after the other; how many are done is told beside them. Without a length, give their total."""
+        total = len(parts) if isinstance(parts, Sized) else total or 0
+        for n, part in enumerate(parts, 1):
+            yield part
+            if n < total:
+                self.reached(n, total)
+
+
+def each_told(
+    progress: Callable[[str], object], text: Callable[[T], str], parts: Sequence[T], *, most: bool = False
+) -> Iterator[T]:
+    """Parts that may take long one after the other, each told before it begins, as "testing leakage (3 of 6)".
+
+    Parameters
+    ----------
+    progress : callable
+        Takes the messages.
+    text : callable
+        What is done with a part.
+    parts : sequence
+    most : bool
+        Later ones may take less time than those before, as a fit that ends once it is known to be worse.
+    """
+    begun = time.monotonic()
+    for n, part in enumerate(parts):
+        spent = time.monotonic() - begun
+        progress(Step(f"{text(part)} ({n + 1} of {len(parts)})", n, len(parts), spent=spent, most=most))
+        yield part
+
 
 @contextmanager
-def watched(progress: Callable[[str], object], name: str, share: Callable[[], float]) -> Iterator[None]:
+def followed(progress: Callable[[str], object]) -> Iterator[None]:
+    """Loops over records tell `progress` how far they are, whatever of a job they belong to."""
+    before = _FOLLOWER.set(progress)
+    try:
+        yield
+    finally:
+        _FOLLOWER.reset(before)
+
+
+def follower() -> Callable[[str], object]:
+    """Function for the messages of whoever follows the job; silent where nobody does, as in another thread."""
+    return _FOLLOWER.get(silent)
+
+
+@contextmanager
+def watched(
+    progress: Callable[[str], object], name: str, share: Callable[[], float], *, most: bool = False
+) -> Iterator[None]:
     """Tell every few seconds how far compiled code is, which tells nothing itself.
 
     Parameters
@@ -92,11 +144,13 @@ def watched(progress: Callable[[str], object], name: str, share: Callable[[], fl
         What is done.
     share : callable
         Share of the work that is done, from 0 to 1; it is called while the work goes on.
+    most : bool
+        The share is of the most work that there may be.
     """
     if progress is silent:
         yield
         return
-    over, stage = threading.Event(), Stage(progress, name, "%")
+    over, stage = threading.Event(), Stage(progress, name, "%", most=most)
 
     def watch() -> None:
         while not over.wait(max(0.1 * EVERY, 0.01)):

@@ -26,6 +26,7 @@ import piezoharvest.demo.page
 import piezoharvest.demo.story
 import piezoharvest.design
 import piezoharvest.engine
+import piezoharvest.progress
 import piezoharvest.report
 import piezoharvest.spice
 from piezoharvest import __version__
@@ -206,6 +207,12 @@ class TestSimulate:
             assert set(table["kind"][mine]) == {result["shunt"]}
             half = 0.5 * np.ptp(table["displacement_m"][mine])
             assert half == pytest.approx(result["displacement_amplitude"], rel=1e-3)
+
+    def test_shunts_are_counted(self, study, run, monkeypatch):
+        monkeypatch.setattr(piezoharvest.progress, "EVERY", 0.0)
+        status, _, err = run("simulate", study, "--json")
+        assert status == 0
+        assert any(line.startswith("simulating: 1 of 2 shunts, about ") for line in err.splitlines())
 
     def test_not_converged(self, study, run, engine):
         engine(response(converged=False, message="no steady state within 50 iterations"), response("parallel_sshi"))

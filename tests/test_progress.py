@@ -24,7 +24,11 @@ from piezoharvest import (
 )
 from piezoharvest.cli.notes import be_quiet, telling
 from piezoharvest.description.tolerance import Tolerance
-from piezoharvest.progress import Iteration, Numbered, Stage, Step, time_left
+from piezoharvest.engine import run
+from piezoharvest.engine.memory.tables import WORK_LEFT
+from piezoharvest.engine.work_limit import Budget
+from piezoharvest.identify.fitting.evaluation import map_records
+from piezoharvest.progress import Iteration, Numbered, Stage, Step, each_told, followed, follower, silent, time_left
 
 
 class Terminal(io.StringIO):
@@ -106,6 +110,75 @@ def test_a_stage_is_a_line_with_the_time_left_without_a_terminal(monkeypatch):
     with telling() as tell:
         tell(Step("the stage", 25, 100, spent=100.0))
     assert stream.getvalue() == "the stage, about 5:00 left\n"
+
+
+def test_the_bar_of_a_stage_ends_with_it(monkeypatch):
+    """What comes then is of unknown length: a bar that stayed at three of four would be of something else."""
+    monkeypatch.setattr(sys, "stderr", stream := Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "200")
+    with telling() as tell:
+        tell(Step("the stage", 3, 4, spent=30.0))
+        tell(Step("what follows"))
+    last = stream.getvalue().split("what follows")[0].splitlines()[-1]
+    assert "0/?" in last and "left" not in last
+
+
+def test_parts_are_told_before_they_begin(monkeypatch):
+    said, clock = [], iter([0.0, 0.0, 4.0, 30.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    names = ["leakage", "creep", "friction"]
+    for name in each_told(said.append, lambda name: f"testing {name}", names, most=True):
+        said.append(f"tried {name}")
+    assert [progress.line(text) for text in said] == [
+        "testing leakage (1 of 3)", "tried leakage",
+        "testing creep (2 of 3)", "tried creep",  # of what takes a few seconds no time is told
+        "testing friction (3 of 3), at most 0:15 left", "tried friction",
+    ]  # fmt: skip
+    assert [(text.done, text.total) for text in said if isinstance(text, Step)] == [(0, 3), (1, 3), (2, 3)]
+
+
+def test_parts_of_a_stage_are_counted(monkeypatch):
+    said, clock = [], iter([0.0, 6.0, 12.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    assert list(Stage(said.append, "scoring laws", "places").over("abc")) == ["a", "b", "c"]
+    assert [step.line for step in said] == [
+        "scoring laws: 1 of 3 places, about 0:12 left",
+        "scoring laws: 2 of 3 places, about 0:06 left",
+    ]
+
+
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_who_follows_a_job_is_told_of_its_records(threads, monkeypatch):
+    """Most of a long fit and diagnosis: a scored effect, a test of residuals, a validation said nothing for minutes."""
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    said = []
+    with followed(said.append):
+        assert map_records(lambda a, b: a + b, [1, 2, 3], [4, 5, 6]) == (5, 7, 9)
+    assert said == ["comparing with the model: 1 of 3 records", "comparing with the model: 2 of 3 records"]
+    assert all(step.line.endswith(" left") for step in said)
+    assert follower() is silent and map_records(abs, [1, 2]) == (1, 2) and len(said) == 2
+
+
+def test_a_search_for_a_steady_state_tells_how_much_work_it_may_do_yet(monkeypatch):
+    """It ends long before, as a rule, in a few steps that nobody can foresee."""
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    transducer = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+    system = System(transducer, Rectifier(load_resistance=1e5, smoothing_capacitance=1e-6, diode_drop=0.3))
+    budget, said, engine, left = Budget(1000), [], run.engine, iter([900, 800])
+
+    def slow(task, machine, *arguments):
+        machine[1][WORK_LEFT] = next(left, 0)
+        for _ in range(100_000_000):  # until the other thread has told it
+            if said:
+                break
+        return engine(task, machine, *arguments)
+
+    monkeypatch.setattr(run, "engine", slow)
+    simulate(system, SineForce(amplitude=0.02, frequency=50.0), budget=budget, progress=said.append)
+    assert said[0].startswith("rectifier: seeking the steady state: 10.0 of at most 100 %")
+    assert said[0].line.split(", ")[1].startswith("at most ")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from piezoharvest.output import (
     waveform_table,
     write_table,
 )
+from piezoharvest.progress import Stage
 from piezoharvest.study import DesignOptions, Study, StudyError, load_driven_study, load_study
 
 if TYPE_CHECKING:
@@ -54,7 +55,8 @@ def simulate(
     count = len(study.shunts)
     spread: list[dict[str, Any] | None] = [None] * count
     with telling() as tell:
-        responses = [_respond(study, n, transient, tell, waveforms=out is not None) for n in range(count)]
+        shunts = Stage(tell, "simulating", "shunts").over(range(count))
+        responses = [_respond(study, n, transient, tell, waveforms=out is not None) for n in shunts]
         if specimen is not None and uncertainty is not None:
             spread = [_spread(study, n, specimen, uncertainty, transient, tell) for n in range(count)]
     if as_json:
@@ -159,7 +161,7 @@ def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignRes
     if report is not None:
         from piezoharvest.report import write_report
 
-        print(write_report(study, result, report), file=sys.stderr if as_json else sys.stdout)
+        tables.print_report(partial(write_report, study, result, report), as_json=as_json)
     return result
 
 

@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from piezoharvest.cli.commands import run_design
-from piezoharvest.cli.notes import note
+from piezoharvest.cli.notes import telling
 from piezoharvest.output import check_directory, check_new_directory, write_text
 from piezoharvest.study import load_study, read_toml
 
@@ -23,7 +23,8 @@ def demo(out: Path) -> int:
     result = run_design(load_study(study), as_json=False, report=out / "design")
     with resources.as_file(shipped.joinpath("bench.toml")) as path:
         bench = read_toml(path)
-    story = tell(study, bench, result, out, note)
+    with telling() as progress:
+        story = tell(study, bench, result, out, progress)
     print(answer(story))
     print(write_story(story, out))
     return 0 if result.converged and story.converged else 1

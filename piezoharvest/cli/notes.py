@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from piezoharvest.progress import Step, left_in_words, time_left
+from piezoharvest.progress import Step, followed, left_in_words, time_left
 from piezoharvest.progress import line as line_of
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ def telling() -> Iterator[Tell]:
     """
     with bar("{task.description}", clock=True) as found:
         if found is None:
-            yield note
+            with followed(note):
+                yield note
             return
         line, task = found
 
@@ -58,10 +59,14 @@ def telling() -> Iterator[Tell]:
                 line.update(
                     task, description=text, completed=text.done, total=text.total, at=at, begun=begun, most=text.most
                 )
+            elif line.tasks[task].fields.get("begun"):  # a stage is over, and of this the end is not known
+                line.tasks[task].total = None
+                line.update(task, description=text, completed=0, at=None, begun=0.0)
             else:
                 line.update(task, description=text)
 
-        yield tell
+        with followed(tell):
+            yield tell
 
 
 @contextmanager
@@ -87,8 +92,6 @@ def bar(*texts: str, clock: bool = False, rate: str = "") -> Iterator[tuple[Bar,
             return Text(f"{task.speed:.0f} {rate}/s" if task.speed else f"- {rate}/s")
 
     class Left(ProgressColumn):
-        max_refresh = 0.5
-
         def render(self, task: Task) -> Text:
             at = task.fields.get("at")
             if at is None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from piezoharvest.cli.notes import telling
 from piezoharvest.counting import counted
 from piezoharvest.description.netlist import UNITS
 from piezoharvest.description.shunts import registered
@@ -42,6 +45,13 @@ _SPREAD = (
 def print_json(data: Any) -> None:
     """Print one JSON object; numbers that are not finite become null."""
     print(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def print_report(write: Callable[[], Path], *, as_json: bool, name: str = "") -> None:
+    """Write a report, and print its path beside its name: to stderr where stdout is for JSON."""
+    with telling():
+        page = write()
+    print(page, *([f"({name})"] if name else []), file=sys.stderr if as_json else sys.stdout)
 
 
 def _plain(value: Any) -> Any:

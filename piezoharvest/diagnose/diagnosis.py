@@ -97,6 +97,7 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
     if found.verdict != "unexplained":
         return found
     progress("no known effect explains the residuals: looking for a law without a name")
+    progress(Step("looking for a law"))
     if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
         moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
@@ -268,6 +269,7 @@ def _diagnose_roles(
     progress(Step("scoring the effects"))
     trials = CandidateFits(problem, before.found, library, progress, before.held)
     search = select(trials)
+    progress(Step("predicting the records that were not fitted"))
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [whitened_squares(unseen, each) for each in checks]
     named = named_effects(campaign, before, trials, search, squares)

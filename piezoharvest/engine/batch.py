@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.steady_state import many_designs
 from piezoharvest.engine.steady_state import section as sc
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
+from piezoharvest.progress import Stage, silent, watched
 
 DESIGNS_AT_ONCE = 128  # designs whose programs are laid out at one time, so that they fit into the cache
 LOG_LENGTH = 512  # events of a span whose times are kept
@@ -38,6 +39,7 @@ def simulate_many(
     attenuation: bool = True,
     budget: Budget | None = None,
     thorough: bool = True,
+    progress: Callable[[str], object] = silent,
 ) -> Mapping[str, np.ndarray]:
     """Periodic steady states of many designs.
 
@@ -56,6 +58,8 @@ def simulate_many(
     thorough : bool
         Simulate each design for which the quick search finds no steady state by itself; without, it is left without a
         solution.
+    progress : callable, optional
+        Takes messages on how far long work is.
 
     Returns
     -------
@@ -80,22 +84,24 @@ def simulate_many(
     alone = (_differs(excitation) and not excitation.batched) or getattr(system.shunt, "storage", None) is not None
     budget = budget or Budget(2 * designs * MAX_WORK)  # a design may be searched for twice
     if alone or excitation.period is None or _clocked(system, excitation):
-        return _one_by_one(system, excitation, range(designs), designs, budget)
+        return _one_by_one(system, excitation, range(designs), designs, budget, progress)
     lowered = lower(system, excitation)._replace(budget=budget)
-    kept = _steady_states(lowered, symmetric(lowered, excitation), designs)
+    kept = _steady_states(lowered, system, symmetric(lowered, excitation), designs, progress)
     found = _columns(lowered, kept, designs, bounds(system.transducer, excitation, lowered))
     left = np.flatnonzero(~found["converged"] & thorough)
-    slow = _one_by_one(system, excitation, left, designs, budget)
+    slow = _one_by_one(system, excitation, left, designs, budget, progress)
     for name, column in slow.items():
         found.setdefault(name, np.full(designs, np.nan))[left] = column[left]
     power, moved = found["harvested_power"], found["displacement_amplitude"]
     found["figure_of_merit"] = figure_of_merit(power, moved, system, excitation)
     if attenuation:
-        _attenuate(found, system, excitation, designs)
+        _attenuate(found, system, excitation, designs, progress)
     return found
 
 
-def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray:
+def _steady_states(
+    lowered: Lowered, system: System, mirrored: bool, designs: int, progress: Callable[[str], object]
+) -> np.ndarray:
     """Results of the compiled search, one row per design, in the columns defined in `many_designs`."""
     machine = Machine(lowered, ledger=True)
     trial = machine.state(sensitivities=int(machine.L[pg.N]) + QUEUE_LENGTH + 1, ledger=False)
@@ -103,12 +109,14 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
     reals, integers = sc.room(machine.L)
     memory = np.zeros(reals), np.zeros(integers, np.int64)
     out = np.zeros((designs, many_designs.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
-    for begin in range(0, designs, DESIGNS_AT_ONCE):
-        rows = out[begin : begin + DESIGNS_AT_ONCE]
-        numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + DESIGNS_AT_ONCE)))
-        # C-contiguous and writable: anything else would be another type for numba, and cause another compilation.
-        programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])), order="C")
-        machine.search_many(trial, followed, recorder, memory, (programs, rows), mirrored)
+    name, done = f"{system.shunt.kind}: steady states", out[:, many_designs.EVALUATED]
+    with watched(progress, name, lambda: np.count_nonzero(done) / designs):
+        for begin in range(0, designs, DESIGNS_AT_ONCE):
+            rows = out[begin : begin + DESIGNS_AT_ONCE]
+            numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + DESIGNS_AT_ONCE)))
+            # C-contiguous and writable: anything else would be another type for numba, and cause another compilation.
+            programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])), order="C")
+            machine.search_many(trial, followed, recorder, memory, (programs, rows), mirrored)
     return out
 
 
@@ -138,11 +146,15 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> d
     return {"converged": right, **columns}
 
 
-def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int) -> None:
+def _attenuate(
+    found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int,
+    progress: Callable[[str], object],
+) -> None:  # fmt: skip
     """Add the attenuation relative to the displacement of the short circuit."""
     shorted = system.shorted
     if _differs(system.transducer) or _differs(excitation):
-        reference = simulate_many(shorted, excitation, designs, attenuation=False)["displacement_amplitude"]
+        several = simulate_many(shorted, excitation, designs, attenuation=False, progress=progress)
+        reference = several["displacement_amplitude"]
     else:
         reference = simulate(shorted, excitation, samples=1).displacement_amplitude
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -151,11 +163,12 @@ def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitat
 
 
 def _one_by_one(
-    system: System, excitation: Excitation, which: Any, designs: int, budget: Budget
-) -> dict[str, np.ndarray]:
+    system: System, excitation: Excitation, which: Any, designs: int, budget: Budget,
+    progress: Callable[[str], object],
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Results of the designs `which`, each found by `simulate`."""
     columns: dict[str, np.ndarray] = {}
-    for n in which:
+    for n in Stage(progress, f"{system.shunt.kind}: steady states one by one", "designs").over(which):
         allowed = max(min(MAX_WORK, budget.left), 0)
         own = Budget(allowed)
         response = simulate(one_of(system, n), one_of(excitation, n), samples=1, budget=own)

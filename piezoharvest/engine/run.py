@@ -89,10 +89,11 @@ class Machine:
     def _call(self, task: int, *arguments) -> int:
         """Call the engine within the simulation's budget; return its status."""
         budget = self.lowered.budget
+        budget.counter = self.L
         self.L[[tb.WORK_LEFT, tb.NEXT_CHECK]] = budget.left
         status = engine(task, (self.P, self.L), *arguments)
         left = int(self.L[tb.WORK_LEFT])
         if left < INTERRUPTED // 2:
             interrupt()
-        budget.left = left
+        budget.left, budget.counter = left, None
         return status if left > 0 else EXHAUSTED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -72,7 +73,7 @@ def simulate(
     budget : Budget, optional
         Work limit, from which the work done is subtracted; default that of one simulation.
     progress : callable, optional
-        Takes messages on how far a long transient is.
+        Takes messages on how far long work is.
 
     Returns
     -------
@@ -102,7 +103,8 @@ def simulate(
     try:
         if length is None:
             most = bounds(system.transducer, excitation, lowered)
-            response = _steady(lowered, excitation, samples, system.shunt, most)
+            with _watched_search(progress, system.shunt.kind, lowered.budget):
+                response = _steady(lowered, excitation, samples, system.shunt, most)
             power, moved = response.harvested_power, response.displacement_amplitude
             merit = float(figure_of_merit(power, moved, system, excitation))
             response = _replaced(response, figure_of_merit=merit)
@@ -135,6 +137,12 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=float(20 * np.log10(response.displacement_amplitude / reference)))
+
+
+def _watched_search(progress: Callable[[str], object], kind: str, budget: Budget) -> AbstractContextManager[None]:
+    """Tell how much a search has done of what it may: how near it is to its end is not known before the last steps."""
+    allowed = budget.left
+    return watched(progress, f"{kind}: seeking the steady state", lambda: 1.0 - budget.now / allowed, most=True)
 
 
 def _is_idle(effect: Effect, shunt: Shunt) -> bool:

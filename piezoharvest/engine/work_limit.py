@@ -10,6 +10,7 @@ import signal
 from dataclasses import dataclass
 from typing import NoReturn
 
+import numpy as np
 from numba import types
 
 from piezoharvest.engine.compilation.compiled import compiled, inlined
@@ -36,9 +37,15 @@ _unlock = types.ExternalFunction("PyGILState_Release", types.void(types.int32))
 
 @dataclass
 class Budget:
-    """Remaining work of one simulation, over all its runs."""
+    """Remaining work of one simulation, over all its runs; `counter` is that of the present one in compiled code."""
 
     left: int = MAX_WORK
+    counter: np.ndarray | None = None
+
+    @property
+    def now(self) -> int:
+        """Work left at this moment."""
+        return self.left if self.counter is None else int(self.counter[WORK_LEFT])
 
 
 @inlined

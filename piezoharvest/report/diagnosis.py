@@ -13,6 +13,7 @@ from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest
 from piezoharvest.diagnose.residuals import Residuals, residuals, responses
 from piezoharvest.diagnose.summary import NOT_HERE, Scored, cosines, judged_error, scored, sentence, values
 from piezoharvest.output import write_text
+from piezoharvest.progress import Stage, follower
 from piezoharvest.report.figures import diagnosed
 from piezoharvest.report.figures.identified import response_figure
 from piezoharvest.report.figures.pictures import Picture, place_pictures
@@ -115,7 +116,7 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
         caption = "Measured and predicted response; residual in per cent of the measured magnitude."
         heading = f"{record.name} ({'fitted' if record.role == 'fit' else 'validation'})"
         yield Picture(f"response_{n}", "records", heading, caption, response_figure(record, predicted))
-    for n, each in enumerate(records, 1):
+    for n, each in enumerate(Stage(follower(), "drawing", "records").over(records), 1):
         role = "fitted" if each.data.role == "fit" else "validation"
         caption = (
             "Left: measured minus predicted, averaged over short intervals. Right: its spectrum; the line is white "

@@ -11,6 +11,7 @@ from piezoharvest.counting import counted
 from piezoharvest.description.shunts import Open, Short
 from piezoharvest.design.result import DesignResult
 from piezoharvest.engine.response import Waveforms
+from piezoharvest.progress import Stage, follower
 from piezoharvest.report.figures import bode, curves, front, hysteresis, ledger, restrictions, schedule, waveforms
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import Picture
@@ -65,16 +66,12 @@ class Gallery:
 
     def pictures(self) -> Iterator[Picture]:
         """All figures of the study, one after the other."""
-        yield from self._front()
-        yield from self._ledger()
-        yield from self._restrictions()
-        yield from self._loads()
-        yield from self._frequencies()
-        yield from self._schedule()
-        yield from self._damping()
-        yield from self._waveforms()
-        yield from self._loops()
-        yield from self._bode()
+        kinds = (
+            self._front, self._ledger, self._restrictions, self._loads, self._frequencies, self._schedule,
+            self._damping, self._waveforms, self._loops, self._bode,
+        )  # fmt: skip
+        for drawn in Stage(follower(), "drawing", "kinds of figures").over(kinds):
+            yield from drawn()
         if self._bench.cut_short:
             self.remarks.append(
                 "simulations of this study are slow: some curves have fewer points than usual, or are omitted"

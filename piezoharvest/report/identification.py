@@ -10,6 +10,7 @@ from piezoharvest.counting import counted
 from piezoharvest.identify import Estimate, Identification
 from piezoharvest.identify.prediction_overlay import Predicted, predictions
 from piezoharvest.output import write_text
+from piezoharvest.progress import Stage, follower
 from piezoharvest.records import FrequencyRecord
 from piezoharvest.report.figures import identified
 from piezoharvest.report.figures.pictures import Picture, place_pictures
@@ -62,7 +63,8 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
 
 def _pictures(found: Identification) -> Iterator[Picture]:
     kept: list[Predicted] = []
-    for n, each in enumerate(predictions(found), 1):
+    stage = Stage(follower(), "drawing", "records")
+    for n, each in enumerate(stage.over(predictions(found), len(found.records)), 1):
         heading = f"{each.record.name} ({'fitted' if each.record.role == 'fit' else 'validation'})"
         if isinstance(each.record, FrequencyRecord):
             caption = "Measured and predicted response; residual in per cent of the measured magnitude."
@@ -84,7 +86,8 @@ def _load(each: Predicted) -> str:
     if shunt is None:
         return "no load"
     resistance = getattr(shunt, "resistance", None)
-    return shunt.kind + (f" of {engineering(resistance, 'ohm', 4)}" if resistance else "")
+    # Of a bridge it is a function: that of its diodes.
+    return shunt.kind + (f" of {engineering(resistance, 'ohm', 4)}" if isinstance(resistance, float | int) else "")
 
 
 def _sentence(found: Identification) -> str:

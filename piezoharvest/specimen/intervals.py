@@ -69,7 +69,7 @@ def intervals(
     # The corners of a law stand elsewhere in each draw, where a batch has them in common.
     batched = not any(isinstance(effect, Law) for effect in batch.effects)
     if transient is None and excitation.period is not None and batched:
-        columns = simulate_many(system, excitation, samples)
+        columns = simulate_many(system, excitation, samples, progress=progress)
     else:
         columns = _one_by_one(system, excitation, samples, transient, progress)
     right = columns["converged"]
@@ -85,8 +85,7 @@ def _one_by_one(
     progress: Callable[[str], object],
 ) -> Mapping[str, np.ndarray]:
     stage, responses = Stage(progress, system.shunt.kind, "draws"), []
-    for n in range(samples):
-        stage.reached(n, samples)
+    for n in stage.over(range(samples)):
         responses.append(simulate(one_of(system, n), excitation, transient=transient, samples=1))
     columns = {name: np.array([getattr(r, name) for r in responses], float) for name in FIGURES}
     return {**columns, "converged": np.array([r.converged for r in responses], bool)}

@@ -9,6 +9,7 @@ import shutil
 import pytest
 from diagnose_runs import campaign
 
+from piezoharvest import progress
 from piezoharvest.cli import main
 from piezoharvest.cli.on_campaigns.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import BiasCurrent, registered
@@ -37,7 +38,8 @@ def run(capsys, *arguments):
     return status, out, err
 
 
-def test_json_and_report(files, capsys):
+def test_json_and_report(files, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
     path, folder = files
     status, out, err = run(capsys, path, "--json", "--report", folder / "report", "--save", folder / "specimen.toml")
     assert status == 0, err
@@ -59,7 +61,12 @@ def test_json_and_report(files, capsys):
     assert 0 <= result["unexplained"] < 0.1
     assert result["experiment"] is None and result["plan"] is None and result["hints"] == []
     assert {row["name"] for row in result["scores"]} == set(registered())
-    assert "scoring the effects" in err
+    lines = err.splitlines()
+    assert "scoring the effects" in lines
+    tested = next(n for n, line in enumerate(lines) if line.startswith("testing bias_current (1 of "))
+    assert any(line.startswith("tried bias_current: ") for line in lines[tested:])
+    for stage in ("comparing with the model: 1 of ", "scoring one by one: 1 of ", "drawing: 1 of "):
+        assert any(line.startswith(stage) and line.endswith(" left") for line in lines), stage
     check_report(folder / "report")
     check_specimen(folder / "specimen.toml", path, result)
 

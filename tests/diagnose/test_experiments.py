@@ -11,6 +11,7 @@ import pytest
 import tomli_w
 from diagnose_runs import SIGMA, STACK, fitted
 
+from piezoharvest import progress
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.cli import main
 from piezoharvest.description.effects import DielectricRelaxation, Leakage
@@ -194,14 +195,19 @@ def test_ranges_of_the_sensors_are_kept(doubt):
     assert smaller.excitation.signal().at(smaller.time).min() == pytest.approx(100.0, abs=1.0)
 
 
-def test_a_parameter_is_told_by_the_record_planned_for_it(doubt):
+def test_a_parameter_is_told_by_the_record_planned_for_it(doubt, monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
     problem, leak, _ = doubt
     limits = BenchLimits(max_displacement=1e-3, max_voltage=100.0, max_current=1e-2)
     campaign = Campaign("", Path("c.toml"), problem.nominal, (), (), limits=limits)
     planner = Planner(campaign, problem, leak)
     names = {p.name: p for p in leak.model.parameters}
-    plan = planner.for_parameter(names["effects.0.resistance"])
+    with progress.followed((said := []).append):
+        plan = planner.for_parameter(names["effects.0.resistance"])
     assert plan is not None and plan.after < 0.5 * plan.before
+    steps = [step for step in said if step.startswith("planning: ")]
+    assert all(0 < step.done < step.total and step.line.endswith(" left") for step in steps)
+    assert {step.split()[4] for step in steps} == {"records", "variants"}
 
 
 FAST = [

@@ -143,7 +143,9 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
             stand_ins = [text for text in told if text.startswith("found ")]
             assert 0 < len(stand_ins) < MAX_EFFECTS  # one more with each
             # Nothing is tried after that, but what is uncertain may go.
-            assert all(text.endswith("standard errors of zero") for text in told[told.index(ends) + 1 :])
+            *gone, last = told[told.index(ends) + 1 :]
+            assert all(text.endswith("standard errors of zero") for text in gone)
+            assert last == "testing the residuals"
             assert len(found.order) < MAX_EFFECTS
             assert found.left
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from identify.identify_runs import STACK, campaign_file
 
+from piezoharvest import progress
 from piezoharvest.cli import main
+from piezoharvest.description.shunts import Rectifier, Resistor
+from piezoharvest.report import identification
 from piezoharvest.specimen import load_specimen
 from piezoharvest.specimen.draws import drawn
 
@@ -26,10 +31,32 @@ def answer(campaign, tmp_path_factory):
 
     out, err = io.StringIO(), io.StringIO()
     report = tmp_path_factory.mktemp("report") / "page"
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with (
+        contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.MonkeyPatch.context() as patch,
+    ):  # fmt: skip
+        patch.setattr(progress, "EVERY", 0.0)
         saved = str(report.parent / "specimen.toml")
         status = main(["identify", str(campaign), "--json", "--report", str(report), "--save", saved])
     return status, json.loads(out.getvalue()), err.getvalue(), report
+
+
+def test_records_are_counted_as_they_are_fitted_and_drawn(answer):
+    lines = answer[2].splitlines()
+    for stage in ("comparing with the model: 1 of ", "drawing: 1 of "):
+        assert any(line.startswith(stage) and line.endswith(" left") for line in lines), stage
+
+
+@pytest.mark.parametrize(
+    ("shunt", "words"),
+    [
+        (Resistor(resistance=1e5), "resistor of 100.0\u202fkΩ"),
+        (Rectifier(load_resistance=1e5, smoothing_capacitance=1e-6, diode_drop=0.3), "rectifier"),
+    ],
+)
+def test_a_figure_says_which_circuit_a_record_had(shunt, words):
+    """The report of records behind a bridge ended in an internal error."""
+    each: Any = SimpleNamespace(record=SimpleNamespace(shunt=shunt))
+    assert identification._load(each) == words
 
 
 def test_json_is_as_the_interface_says(answer):

@@ -12,6 +12,7 @@ from fontTools.ttLib import TTFont
 from report_studies import STUDIES, designed, study_of
 from selection import with_slow
 
+from piezoharvest import progress
 from piezoharvest.description.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, Resistor
@@ -22,6 +23,7 @@ from piezoharvest.report import sweeps, units
 from piezoharvest.report.figures import style
 from piezoharvest.report.figures.curves import power_along_loads
 from piezoharvest.report.frame.cell_labels import with_labels
+from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
 from piezoharvest.report.subjects import subjects_of
@@ -264,3 +266,11 @@ def test_fonts_of_a_pdf_file_have_its_letters_and_no_tables_that_join_them():
     assert fonts
     assert all("glyf" in font and not {"GSUB", "GPOS", "GDEF"} & set(font.keys()) for font in fonts)
     assert {"p", "w", "Omega"} <= {glyph for font in fonts for glyph in font.getGlyphOrder()}
+
+
+def test_a_report_tells_how_many_of_its_figures_are_drawn(monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    study, result = designed("step")
+    with progress.followed((said := []).append):
+        drawn = list(Gallery(study, subjects_of(result.candidates), result=result).pictures())
+    assert drawn and said[4].line.startswith("drawing: 5 of 10 kinds of figures, about ")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezoharvest import progress
 from piezoharvest.cli import main
 from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.description.excitation import SineForce, StepForce
@@ -137,9 +138,12 @@ def power(values):
     return 0.5 * voltage**2 / RESISTANCE
 
 
-def test_intervals_are_those_of_the_delta_method():
-    given, drive = specimen(2e-4), SineForce(amplitude=FORCE, frequency=FREQUENCY)
-    found = intervals(given, Resistor(resistance=RESISTANCE), drive, 4000)
+def test_intervals_are_those_of_the_delta_method(monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    given, drive, said = specimen(2e-4), SineForce(amplitude=FORCE, frequency=FREQUENCY), []
+    found = intervals(given, Resistor(resistance=RESISTANCE), drive, 4000, progress=said.append)
+    for kind in ("resistor", "short"):  # that of the attenuation
+        assert any(step.startswith(f"{kind}: steady states: ") and step.line.endswith(" left") for step in said)
     slopes = []
     for name in NAMES:
         ahead, behind = ({**VALUES, name: VALUES[name] * (1 + sign * 1e-6)} for sign in (1, -1))

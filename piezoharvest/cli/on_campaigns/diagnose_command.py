@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.notes import note
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.cli.on_campaigns.law_files import save_laws
 from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.output import check_file
@@ -41,8 +41,10 @@ def diagnose(
         return specimens_output.diagnosed(found, as_json=as_json, report=report, save=save, save_effect=save_effect)
     if not found.search.final.converged:
         note(f"warning: not to be trusted: {found.search.final.message}")
+    with telling():  # the next record is planned
+        table = diagnosis_json(found)
     if as_json:
-        tables.print_json(diagnosis_json(found))
+        tables.print_json(table)
     else:
         _print(found)
     if save is not None:
@@ -53,7 +55,7 @@ def diagnose(
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
-        print(write_diagnosis(found, report), file=sys.stderr if as_json else sys.stdout)
+        tables.print_report(partial(write_diagnosis, found, report), as_json=as_json)
     return 0 if found.search.final.converged else 1
 
 

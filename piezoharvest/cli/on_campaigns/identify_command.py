@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +39,7 @@ def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | Non
     if report is not None:
         from piezoharvest.report import write_identification
 
-        print(write_identification(found, report), file=sys.stderr if as_json else sys.stdout)
+        tables.print_report(partial(write_identification, found, report), as_json=as_json)
     return 1 if found.doubts else 0
 
 

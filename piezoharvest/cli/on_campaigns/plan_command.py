@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tomli_w
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.notes import note
+from piezoharvest.cli.notes import note, telling
 from piezoharvest.cli.on_campaigns.diagnose_command import plan_json
 from piezoharvest.cli.on_campaigns.running import on_campaign
 from piezoharvest.description.parameters import ParameterError
@@ -29,7 +29,8 @@ def plan(path: Path, *, out: Path | None, parameter: str | None, as_json: bool) 
     if found is None:
         return 1
     try:
-        best = found.plan_for(parameter)
+        with telling():
+            best = found.plan_for(parameter)
     except ParameterError as error:
         raise StudyError(path, error.key, error.message) from None
     if best is None:

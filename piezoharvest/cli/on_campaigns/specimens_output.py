@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -203,4 +203,4 @@ def _write_reports(
 ) -> None:
     """Write a report of each specimen into a folder of its own, and print their paths."""
     for n, (name, one) in enumerate(zip(names, each, strict=True), 1):
-        print(write(one, folder / f"{n}"), f"({name})", file=sys.stderr if as_json else sys.stdout)
+        tables.print_report(partial(write, one, folder / f"{n}"), as_json=as_json, name=name)

@@ -26,6 +26,7 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.growing_drives import SmallerDrives
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Stage, follower
 
 NEAR = 100.0  # of the lowest misfit: a fit that was stopped below that is continued to its end
 ALIKE = 10  # formulas that are fitted where drives are small: where a law bends little, many are about the same
@@ -67,7 +68,8 @@ def _of_all(smaller: SmallerDrives, start: Fit, found: Found) -> Found | None:
     """What some of the records show, fitted to all; None where it explains little of these."""
     problem, grow = smaller.problem, partial(_fitted, smaller, start)
     # None is given up: in another motion than the records' a fit may go on slowly for a while, and end well.
-    grown = [law for law in map(grow, _close_forms(smaller.part, found)) if law is not None]
+    forms = Stage(follower(), "trying formulas in all records", "forms").over(_close_forms(smaller.part, found))
+    grown = [law for law in map(grow, forms) if law is not None]
     least = min((law.found.cost for law in grown), default=0.0)
     grown = [ended(problem, start, law) if law.found.cost < NEAR * least else law for law in grown]
     grown += beside(problem, grown) if grown else []  # where drives are small its scale says little of a curve

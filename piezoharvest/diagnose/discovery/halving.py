@@ -34,8 +34,7 @@ def halved(
     done: list[tuple[ScoredLaw, LawFit]] = []
     for most in ROUNDS:
         stage, done = Stage(progress, f"{most} iterations at each place", "places"), []
-        for n, (each, begun) in enumerate(left):
-            stage.reached(n, len(left))
+        for each, begun in stage.over(left):
             found = (
                 fitted(problem, start, each.law, each.visited, each.smoothness.deviation, aim, most)
                 if begun is None

@@ -22,6 +22,7 @@ from piezoharvest.diagnose.discovery.tables.knots import table_for
 from piezoharvest.diagnose.discovery.tables.visited import visited_inputs
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.progress import Stage
 
 FITS = 3  # places with the highest scores that are fitted in full
 
@@ -55,7 +56,7 @@ def rivals(
     for start in starts:
         price = (freedom(final) - freedom(start)) * np.log(sum(float(sums.count.sum()) for sums in start.sums))
         gain = start.cost - final.cost - price
-        for each in _promising(problem, start, gain):
+        for each in Stage(progress, "trying laws instead", "places", most=True).over(_promising(problem, start, gain)):
             law = fitted(problem, start, each.law, each.visited, each.smoothness.deviation)
             if law is None or not law.found.converged or not takes_energy(problem, law, start.cost - law.found.cost):
                 continue

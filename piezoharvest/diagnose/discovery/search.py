@@ -48,6 +48,7 @@ from piezoharvest.identify.fitting.output_error import excess_of, fit, linearise
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Stage
 
 FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
 # Behind diodes and switches, where a fit takes ten times as long and more: in all, so that a search ends in minutes; of
@@ -123,7 +124,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
         Places at which it may be.
     """
     misfit = mean_square(start)
-    scored = _scored(problem, start, places)
+    scored = _scored(problem, start, places, progress)
     chosen = promising(scored, misfit)
     fits = _Fits(problem, start)
     fits.try_all(chosen, progress)
@@ -322,7 +323,8 @@ class _Fits:
             self._try_behind_circuits(chosen, progress)
             return
         most, tried = OVER_SCORE if self.problem.needs_engine else np.inf, 0
-        for n, each in enumerate(chosen):
+        chosen = chosen[: 2 * ENGINE_FITS] if self.problem.needs_engine else chosen
+        for n, each in enumerate(Stage(progress, "trying laws", "places", most=True).over(chosen)):
             if self.problem.needs_engine and n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
                 break
             best = min((one.evidence for one in self.done), default=np.inf)
@@ -336,14 +338,17 @@ class _Fits:
 
         Where it is, they would take longer than the whole of its fit.
         """
-        self._try(chosen[0], None, progress)
-        left = [each for each in chosen[1:] if not self._is_ruled_out(each)]
+        for each in chosen[:1]:
+            self._try(each, None, progress)
+        others = Stage(progress, "comparing laws with the best", "places").over(chosen[1:])
+        left = [each for each in others if not self._is_ruled_out(each)]
         # Beside a law that is at the right place by all that it explains, no other needs to be the best of the rest.
         best = min((self._condensed(each) for each in self.done), key=lambda each: each.evidence, default=None)
         aim = best.evidence + thresholds.CLOSE_COST if best is not None and self._is_dominant(best) else np.inf
         begun = halved(self.problem, self.start, left, ENGINE_FITS, progress, aim)
         tried = 0
-        for n, (each, law) in enumerate(begun):
+        begun = begun[: 2 * ENGINE_FITS]
+        for n, (each, law) in enumerate(Stage(progress, "trying laws", "places", most=True).over(begun)):
             if n >= ENGINE_FITS + min(tried - len(self.done), ENGINE_FITS):
                 break
             if not self._is_ruled_out(each):
@@ -471,12 +476,12 @@ def _words(law: Law) -> str:
     return f"{law.place.name}, of {law.place.input.replace('_', ' ')}{memory}"
 
 
-def _scored(problem: Problem, start: Fit, places: Places) -> list[ScoredLaw]:
+def _scored(problem: Problem, start: Fit, places: Places, progress: Callable[[str], None]) -> list[ScoredLaw]:
     """Scores of all places, without a memory and with each kind at its best start, the highest first."""
     visited = visited_inputs(problem, start)
     scales = campaign_scales(problem.data, start)
     found: list[ScoredLaw] = []
-    for place in places(problem, visited):
+    for place in Stage(progress, "scoring laws", "places").over(places(problem, visited)):
         form = _first_form(problem, place, visited[place.input])
         each = form and score(problem, start, Law(place=place, form=form), visited[place.input])
         found += [each] if each is not None else []

@@ -21,6 +21,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.parameters import Parameter, value_at
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Stage, follower
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.study import unknown
 
@@ -182,9 +183,12 @@ class Planner:
         assert self.bench is not None
         bench, models = self.bench, [known.model for known in knowns]
         looked = [bench.fitting(p, models) for p in first_look(bench.reach, models[0].transducer)]
-        found = sorted(((worth(p), n, p) for n, p in enumerate(looked)), reverse=True, key=lambda each: each[0])
+        stage = Stage(follower(), "planning", "records")
+        found = [(worth(p), n, p) for n, p in enumerate(stage.over(looked))]
+        found.sort(reverse=True, key=lambda each: each[0])
         more = [bench.fitting(p, models) for _, _, base in found[:REFINED] for p in variants(bench.reach, base)]
-        found += [(worth(p), len(looked) + n, p) for n, p in enumerate(more)]
+        stage = Stage(follower(), "planning", "variants of the best records")
+        found += [(worth(p), len(looked) + n, p) for n, p in enumerate(stage.over(more))]
         good = [each for each in found if each[0] >= enough]
         best = (
             min(good, key=lambda each: (each[2].duration, -each[0]))

@@ -45,7 +45,7 @@ from piezoharvest.identify.start_values.growing_drives import fit_from_small_dri
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
-from piezoharvest.progress import Step
+from piezoharvest.progress import Step, each_told
 
 FIT_TOLERANCE = 0.5  # of -2 ln L: predicted decrease at which a trial fit stops
 COARSE_FIT_TOLERANCE = 10.0  # the same, for a fit that only serves for scores
@@ -109,7 +109,10 @@ class CandidateFits:
         """Score tests of all effects against a model."""
         if id(now) not in self._scored:
             scales = campaign_scales(self.problem.data, now.found)
-            found = [*scores(self.problem, now.found, scales, self.library), *self._scanned_scores(now, scales)]
+            found = [
+                *scores(self.problem, now.found, scales, self.library, self.progress),
+                *self._scanned_scores(now, scales),
+            ]
             self._scored[id(now)] = now, sorted(found, key=lambda candidate: -candidate.score)
         return self._scored[id(now)][1]
 
@@ -119,15 +122,16 @@ class CandidateFits:
         Without the effect the model has other events than the records; parameters that were fitted to these may be far
         off, so the fit begins at the nominal values.
         """
-        found = []
-        for start in starts_of(scales, now.found, self.library):
-            key = effect_keys(now.found.model), start
-            if start.scanned and key not in self._scanned:
-                step = self._scan(now, start)
-                if step is not None:
-                    self._scanned[key] = step
-            if key in self._scanned:
-                gain = now.cost - self._scanned[key].cost
+        found, keys = [], effect_keys(now.found.model)
+        scanned = [start for start in starts_of(scales, now.found, self.library) if start.scanned]
+        new = [start for start in scanned if (keys, start) not in self._scanned]
+        for start in each_told(self.progress, lambda start: f"testing {start.name}", new):
+            step = self._scan(now, start)
+            if step is not None:
+                self._scanned[keys, start] = step
+        for start in scanned:
+            if (keys, start) in self._scanned:
+                gain = now.cost - self._scanned[keys, start].cost
                 found += [ScoredEffect(start, gain, 1, np.zeros(0), -1)] if gain > 0.0 else []
         return found
 
@@ -225,7 +229,8 @@ class CandidateFits:
     def complete(self, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Fits by increasing fair cost; unfinished ones are continued now that the cost to reach is known."""
         done = [step for step in tried if step.found.message != NOT_CONVERGED]
-        for slow in sorted((step for step in tried if step.found.message == NOT_CONVERGED), key=lambda s: s.fair_cost):
+        left = sorted((step for step in tried if step.found.message == NOT_CONVERGED), key=lambda s: s.fair_cost)
+        for slow in each_told(self.progress, lambda step: f"testing {step.effects[-1]} to the end", left, most=True):
             step = self._remember_converged(
                 self._fit(slow.found.model, slow.found.nuisance, slow.found, aim=cost_to_reach(done))
             )

@@ -7,7 +7,7 @@ Source: Rao, Linear Statistical Inference, 1973, section 6e (score test); Davies
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from piezoharvest.identify.fitting.output_error import excess_of, inverse, linea
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Stage, silent
 
 WEAK = 1e-3  # of a strength: so little that nothing is beyond first order, and far above rounding errors
 MAX_STRETCH = 4.0  # of a start value: farther off, what an effect changes goes with its square no longer
@@ -91,8 +92,9 @@ def is_line(effect: Effect) -> bool:
 
 
 def scores(
-    problem: Problem, found: Fit, scales: CampaignScales, library: Sequence[type[Effect]] | None = None
-) -> list[ScoredEffect]:
+    problem: Problem, found: Fit, scales: CampaignScales, library: Sequence[type[Effect]] | None = None,
+    progress: Callable[[str], object] = silent,
+) -> list[ScoredEffect]:  # fmt: skip
     """Score tests of all effects that are not in the model, the highest score first.
 
     Effects of circuits that no record has are left out, and those whose strength is scanned: they need a fit.
@@ -105,6 +107,8 @@ def scores(
     scales : CampaignScales
     library : sequence of Effect classes, optional
         Default: all that are registered.
+    progress : callable, optional
+        Takes messages on how far long work is.
     """
     starts = [start for start in starts_of(scales, found, library) if not start.scanned]
     smooth = [start for start in starts if _grows(start)]
@@ -112,8 +116,8 @@ def scores(
     jumpy = [start for start in starts if start not in smooth and not start.second_order]
     candidates = [
         *_linearised_scores(problem, found, smooth),
-        *_second_order_scores(problem, found, quadratic),
-        *_one_step_scores(problem, found, jumpy),
+        *_second_order_scores(problem, found, Stage(progress, "scoring by squares", "effects").over(quadratic)),
+        *_one_step_scores(problem, found, Stage(progress, "scoring one by one", "effects").over(jumpy)),
     ]
     return sorted(candidates, key=lambda candidate: -candidate.score)
 
@@ -288,7 +292,7 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
     return found
 
 
-def _second_order_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
+def _second_order_scores(problem: Problem, found: Fit, starts: Iterable[Effect]) -> list[ScoredEffect]:
     """Scores of effects that change nothing to first order at their null: from a linearisation at each start.
 
     What such an effect changes goes with the square of its strength s: its shape is that of the derivative at any s. So
@@ -324,7 +328,7 @@ def _second_order_scores(problem: Problem, found: Fit, starts: Sequence[Effect])
     return candidates
 
 
-def _one_step_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
+def _one_step_scores(problem: Problem, found: Fit, starts: Iterable[Effect]) -> list[ScoredEffect]:
     """Scores of effects that set in with a jump: decrease of the cost by each at its start, after one step of the fit.
 
     Without that step, parameters that compensate for the missing effect would count against it.

@@ -5,7 +5,7 @@ Source: Davies, Biometrika 74(1), 33-43, 1987 (tests where a parameter exists on
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from piezoharvest.diagnose.selection.significance import significance, standard_
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import excess_of
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Step, each_told
 
 FITS_PER_STAGE = 4  # full fits a stage
 FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
@@ -147,6 +148,7 @@ class Searcher:
                 break
         now, levels = self._drop_uncertain(found.now, found.levels)
         now, signs = self._with_better_signs(now) if len(now.effects) > self.given_effects else (now, {})
+        trials.progress(Step("testing the residuals"))
         left = trials.failed_tests_refitted(now.found)
         try:
             close = () if left else self._alternatives(now, found.alternatives)
@@ -275,13 +277,18 @@ class Searcher:
             return list(tried)
         least, more = thresholds.MIN_RELATIVE_SCORE * scored[0].score, list(tried)
         chosen = _best_of_each([each for each in scored if each.score > least and _is_promising(each, scored)])
-        for each in chosen[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
+        chosen = chosen[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]
+        for each in self._each_tested(chosen):
             varied = self.trials.varied(now)
             fitted = self.trials.extended(
                 origin, each.effect, cost_to_reach(more), varied, most=STAGE_ITERATIONS, begun=each.begun
             )
             more += [] if fitted is None else [fitted]
         return self.trials.complete(more)
+
+    def _each_tested(self, candidates: Sequence[ScoredEffect], instead: str = "") -> Iterator[ScoredEffect]:
+        """Effects that are fitted, each told before; a fit that will not be as good as the others ends early."""
+        return each_told(self.trials.progress, lambda each: f"testing {each.name}{instead}", candidates, most=True)
 
     def _nested(self, now: EffectChange) -> tuple[Fit, ...]:
         """Fits with the first effect, the first two, and so on."""
@@ -358,10 +365,10 @@ class Searcher:
         """Fit with another effect instead of the n-th, if that fits better."""
         if _indispensable(now, less):
             return None
-        for candidate in self.trials.scores(less)[:3]:
-            enough = thresholds.MIN_EXCHANGE_SCORE * (less.cost - now.cost)
-            if candidate.name == now.effects[n] or candidate.score < enough:
-                continue
+        enough = thresholds.MIN_EXCHANGE_SCORE * (less.cost - now.cost)
+        best = self.trials.scores(less)[:3]
+        chosen = [each for each in best if each.name != now.effects[n] and each.score >= enough]
+        for candidate in self._each_tested(chosen, f" instead of {now.effects[n]}"):
             other = self.trials.extended(less, candidate.effect, now.fair_cost, begun=candidate.begun)
             if other is not None and other.fair_cost < now.fair_cost - thresholds.MIN_IMPROVEMENT:
                 self.trials.progress(f"{candidate.name} instead of {now.effects[n]}")
@@ -378,12 +385,13 @@ class Searcher:
             less = self.trials.best_without(now, n)
             if less is None or _indispensable(now, less):
                 continue
-            for candidate in _best_of_each(self.trials.scores(less))[:FITS_PER_STAGE]:
-                enough = less.cost - now.cost - 3 * thresholds.CLOSE_COST
-                if candidate.name not in now.effects and candidate.score > enough:
-                    aim = now.fair_cost + thresholds.CLOSE_COST
-                    other = self.trials.extended(less, candidate.effect, aim, begun=candidate.begun)
-                    pool += [other] if other is not None else []
+            enough = less.cost - now.cost - 3 * thresholds.CLOSE_COST
+            best = _best_of_each(self.trials.scores(less))[:FITS_PER_STAGE]
+            chosen = [each for each in best if each.name not in now.effects and each.score > enough]
+            for candidate in self._each_tested(chosen, f" instead of {now.effects[n]}"):
+                aim = now.fair_cost + thresholds.CLOSE_COST
+                other = self.trials.extended(less, candidate.effect, aim, begun=candidate.begun)
+                pool += [other] if other is not None else []
         for step in pool:
             more = step.fair_cost - now.fair_cost
             if more < thresholds.CLOSE_COST and set(step.effects) != set(now.effects):

@@ -16,6 +16,7 @@ from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.circuit.setting import by_engine
+from piezoharvest.progress import Stage, follower
 from piezoharvest.threads import threads_for_records
 
 R = TypeVar("R")
@@ -72,12 +73,16 @@ def scattered_sums(
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
-    """Results of a function for every record and its arguments, as many at a time as there are threads for them."""
+    """Results of a function for every record and its arguments, as many at a time as there are threads for them.
+
+    Whoever follows the job (`progress.followed`) is told how many records are done.
+    """
     arguments, threads = list(zip(*each, strict=True)), threads_for_records()
+    stage = Stage(follower(), "comparing with the model", "records")
     if len(arguments) == 1 or threads == 1:  # a thread's memory is kept for the next one: it adds up for a long record
-        return tuple(function(*some) for some in arguments)
+        return tuple(function(*some) for some in stage.over(arguments))
     with ThreadPoolExecutor(threads) as pool:
-        return tuple(pool.map(function, *zip(*arguments, strict=True)))
+        return tuple(stage.over(pool.map(function, *zip(*arguments, strict=True)), len(arguments)))
 
 
 def total_information(

@@ -1,5 +1,6 @@
 """Which laws are fitted, which effects beside them are dropped, and which get the name of a known effect."""
 
+from collections import defaultdict
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from nameless import Drive, Laws, nameless_campaign
 
-from piezoharvest import Transducer
+from piezoharvest import Transducer, progress
 from piezoharvest.description.effects import (
     Clipping,
     ContactCompliance,
@@ -36,6 +37,7 @@ from piezoharvest.description.effects.nameless.places import (
 )
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery import halving, verdict
+from piezoharvest.diagnose.discovery import search as searching
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
 from piezoharvest.diagnose.discovery.search import FITS, promising, search, search_campaign
@@ -154,6 +156,26 @@ def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch):
     best = ["coupling", "capacitor", "load"]
     assert done == [*((place.name, few) for place in places), *((name, more) for name in best)]
     assert [each.law.place.name for each, _ in found] == best[:2]
+
+
+def test_places_are_counted_as_they_are_scored_and_tried(monkeypatch):
+    """Behind diodes a search took minutes without a word."""
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    smoothness, places, said = Smoothness(deviation=1.0, gain=100.0), [Spring(), Damper(), Coupling()], []
+    replaced = {
+        "mean_square": 1.0, "visited_inputs": defaultdict(lambda: np.zeros(1)), "campaign_scales": None,
+        "_first_form": Line(factor=0.0), "_memories": [], "fitted": None,
+    }  # fmt: skip
+    for name, value in replaced.items():
+        monkeypatch.setattr(searching, name, lambda *_, value=value: value)
+    monkeypatch.setattr(searching, "score", lambda problem, start, law, visited: ScoredLaw(law, visited, smoothness))
+    problem: Any = SimpleNamespace(needs_engine=True, data=())
+    start: Any = SimpleNamespace(cost=1000.0)
+    assert searching.search(problem, start, said.append, lambda *_: places) is None
+    assert [progress.line(text).split(", ")[0] for text in said] == [
+        "scoring laws: 1 of 3 places", "scoring laws: 2 of 3 places",
+        "trying laws: 1 of at most 3 places", "trying laws: 2 of at most 3 places",
+    ]  # fmt: skip
 
 
 def test_one_effect_that_explains_most_is_kept_beside_a_law_though_the_search_has_dropped_it(monkeypatch):

@@ -32,6 +32,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.progress import Stage, follower
 
 # Formulas, the closest to the table, that are fitted in the model; more where the table is too coarse for the curve, so
 # that it leaves more than noise and closeness to it tells little.
@@ -68,7 +69,8 @@ def ranked(problem: Problem, table: LawFit, most: int = 0, kind: type[Form] = Fo
     # A table is too coarse to tell of a diode near no current, and of what happens at once.
     some = every[:most] + [each for each in every[most:] if isinstance(each.form, Shockley | StepChange)]
     some = [each for each in some if isinstance(each.form, kind)]
-    for each in sorted(some, key=lambda each: not isinstance(each.form, StepChange)):
+    in_order = sorted(some, key=lambda each: not isinstance(each.form, StepChange))
+    for each in Stage(follower(), "trying formulas", "forms", most=True).over(in_order):
         own = isinstance(each.form, Shockley | StepChange)
         if problem.needs_engine and not own and each.criterion > FARTHER * some[0].criterion:
             continue
@@ -127,7 +129,7 @@ def beside(problem: Problem, known: Sequence[LawFit], most: int = REFITTED_BEYON
     if law.law.memory is not None or isinstance(law.form, TABLES):
         return []
     distance, kinds, found = CurveDistance(law), {_kind(each.form) for each in known}, list[LawFit]()
-    for each in candidates(law, distance)[:most]:
+    for each in Stage(follower(), "trying formulas", "forms", most=True).over(candidates(law, distance)[:most]):
         if _kind(each.form) in kinds:
             continue
         start, form = _begun(problem, law, each.form, distance)

@@ -36,6 +36,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP, Fit
 from piezoharvest.identify.fitting.output_error import excess_of, linearised, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.progress import Stage, follower
 
 PLACES = 2  # ports and readings at whose likeliest law so far a memory is tried
 # Share of the excess over noise without a memory: no other memory explains much of what is left. A table leaves some of
@@ -76,7 +77,8 @@ def functions_of_memories(
     aim = min(each.evidence for each in done) + thresholds.CLOSE_COST
     for here in _at_places(done)[: 1 if problem.needs_engine else PLACES]:
         bare = without_law(problem, here)
-        for each in _starts_of_fits(problem, bare, here):
+        starts = _starts_of_fits(problem, bare, here)
+        for each in Stage(progress, "trying functions of memories", "starts", most=True).over(starts):
             memory = each.law.memory
             assert memory is not None
             again = fitted(problem, bare, each.law, each.visited, each.smoothness.deviation, aim)
@@ -105,7 +107,8 @@ def _starts_of_fits(problem: Problem, bare: Fit, here: LawFit) -> list[ScoredLaw
     if problem.needs_engine:
         return by_score[:1]
     begun = [replace(each, law=replace(each.law, form=_as_the_law(here, each))) for each in scored]
-    left = np.array([_left(problem, bare, each.law) for each in begun])
+    stage = Stage(follower(), "judging functions of memories", "starts")
+    left = np.array([_left(problem, bare, each.law) for each in stage.over(begun)])
     without = linearised(problem, bare.model, bare.nuisance, bare)[2]
     most = without - MOST_EXPLAINED * (without - sum(float(part.squares.sum()) for part in here.found.sums))
     close = np.flatnonzero(left < most)
@@ -180,7 +183,8 @@ def _scored(problem: Problem, bare: Fit, here: LawFit) -> list[ScoredLaw]:
     except PredictionError:  # without its law the model has no solution there
         return []
     inputs = [(step, each[place.input]) for step, each in records if place.input in each]
-    for memory in _starts(problem, bare, here, np.concatenate([values for _, values in inputs])):
+    starts = _starts(problem, bare, here, np.concatenate([values for _, values in inputs]))
+    for memory in Stage(follower(), "scoring functions of memories", "starts").over(starts):
         visited = np.concatenate([memory.made_of(values, step) for step, values in inputs])
         form = table_for(place, visited, remembered=True)
         if form is None:
