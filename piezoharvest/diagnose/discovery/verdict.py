@@ -14,7 +14,7 @@ from piezoharvest.description.effects import DiodeDropError, Effect, registered
 from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.growing_search import search_growing
-from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import (
     MOST_EXPLAINED,
@@ -237,11 +237,12 @@ def found_laws(
 ) -> _Laws | None:  # fmt: skip
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
 
-    A second one is sought where the first leaves much, and kept if it explains that. Of the `given` parameters those
+    A second one is sought where the first leaves much, unless that is by the corners of its table, and kept if it
+    explains that. Of the `given` parameters those
     that were held are free beside the laws.
     """
     kept: _Laws | None = None
-    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
+    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept) and not _is_coarse(kept)):
         more = search(problem, kept.found[-1].final, progress) if kept else seek(problem, start, progress)
         earlier = kept.found if kept else ()
         more = more and with_all_free(problem, more, given)
@@ -324,6 +325,12 @@ def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple
     unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
     squares = [whitened_squares(unseen, each) for each in checks]
     return _Laws(found, squares[0], tuple(squares[-len(fits) :]), unseen, checks[-1])
+
+
+def _is_coarse(laws: _Laws) -> bool:
+    """True if the last law is a table that explains nearly all of unseen records: what it leaves is between corners."""
+    table = isinstance(laws.found[-1].best.form, TABLES)
+    return table and _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1]) > thresholds.MIN_DOMINANT_SHARE
 
 
 def _much_is_left(laws: _Laws) -> bool:
