@@ -132,7 +132,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None], places
     if not done:
         return None
     table, forms = _likeliest(problem, start, fits)
-    if leaves_more_than_noise(forms[0]):
+    if leaves_more_than_noise(forms[0]) and not fits.is_dominant(forms[0]):
         table, forms = _of_memory(problem, start, done, (table, forms), progress)
     rivals = [each for each in best_of(done) if not _alike(each, table)]
     ruled_out = sorted(fits.ruled_out, key=lambda pair: -pair[1])[:RIVALS]
@@ -344,7 +344,7 @@ class _Fits:
         left = [each for each in others if not self._is_ruled_out(each)]
         # Beside a law that is at the right place by all that it explains, no other needs to be the best of the rest.
         best = min((self._condensed(each) for each in self.done), key=lambda each: each.evidence, default=None)
-        aim = best.evidence + thresholds.CLOSE_COST if best is not None and self._is_dominant(best) else np.inf
+        aim = best.evidence + thresholds.CLOSE_COST if best is not None and self.is_dominant(best) else np.inf
         begun = halved(self.problem, self.start, left, ENGINE_FITS, progress, aim)
         tried = 0
         begun = begun[: 2 * ENGINE_FITS]
@@ -387,7 +387,7 @@ class _Fits:
             return False
         best = min(self.done, key=lambda each: each.evidence)
         best = self._condensed(best) if large else best
-        if large and leaves_much(best) and not self._is_dominant(best):
+        if large and leaves_much(best) and not self.is_dominant(best):
             return False
         if best not in self.beside:
             self.beside[best] = _explained_by(problem, best)
@@ -398,7 +398,7 @@ class _Fits:
         self.ruled_out.append((other.law, 0.5 * (others - explained)))
         return True
 
-    def _is_dominant(self, law: LawFit) -> bool:
+    def is_dominant(self, law: LawFit) -> bool:
         """True of a law behind diodes or switches that explains all but what one at a wrong place leaves, or less.
 
         There each fit takes long, and a formula that is not quite the right one leaves more than noise.
@@ -417,7 +417,7 @@ class _Fits:
         Not over a campaign, between whose records nothing is known. Where the engine is needed, of a law alone that is
         at the right place by all that it explains.
         """
-        if law.place.input == "campaign_time" or (self.problem.needs_engine and not self._is_dominant(law)):
+        if law.place.input == "campaign_time" or (self.problem.needs_engine and not self.is_dominant(law)):
             return law
         for _ in range(MOVES_IN_ENGINE if self.problem.needs_engine else MOVES):
             if not self._is_coarse(law):
