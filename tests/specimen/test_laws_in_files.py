@@ -61,6 +61,7 @@ LAWS = [
     Law(place=Reading("displacement", "campaign_time"), form=Line(factor=1e-9)),
     Law(place=OverTime("capacitance", "campaign_time"), form=Bump(factor=-0.06, at=6.5, width=np.float64(3.0))),
     Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
+    Law(place=Reading("displacement", "voltage"), form=Line(factor=1e-7), memory=LateBy(delay=1e-3, whole=True)),
     Law(place=Electrodes(), form=DeadZone(factor=1e-6, zone=0.1)),
     Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=0.3)),
     Law(place=OverTime("damping", "campaign_time"), form=Line(factor=0.01)),

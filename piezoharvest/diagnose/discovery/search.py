@@ -282,9 +282,17 @@ def _of_memory(
     progress: Callable[[str], None],
 ) -> tuple[LawFit, list[LawFit]]:  # fmt: skip
     """The likeliest law and its forms, or a function of what a memory makes of the input where that does better."""
-    tables = best_of(functions_of_memories(problem, start, done, progress))[:1]
+    tables = _delays_beside_lags(best_of(functions_of_memories(problem, start, done, progress)))
     found = [best, *((table, ranked(problem, table)) for table in tables)]
     return min(found, key=lambda each: each[1][0].criterion)
+
+
+def _delays_beside_lags(tables: Sequence[LawFit]) -> list[LawFit]:
+    """The likeliest table; of crosstalk both that of a delay and that of a lag, which formulas tell from each other."""
+    found: dict[type, LawFit] = {}
+    for each in tables:
+        found.setdefault(type(each.law.memory), each)
+    return list(found.values()) if LateBy in found and Relaxation in found else list(tables[:1])
 
 
 def _alike(first: LawFit, second: LawFit) -> bool:

@@ -6,7 +6,7 @@ from diagnose.swept import DURATION, RATE, TRUE, campaign
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
-from piezoharvest.description.effects.nameless.memory import Relaxation, Resonance
+from piezoharvest.description.effects.nameless.memory import LateBy, Relaxation, Resonance
 from piezoharvest.diagnose import diagnose
 
 SIZE = 2e-6  # m/V
@@ -51,6 +51,33 @@ def test_a_resonance_that_the_voltage_excites():
     assert law.memory.frequency == pytest.approx(FREQUENCY, rel=2e-3)
     assert law.memory.damping_ratio == pytest.approx(DAMPING, rel=0.03)
     assert law.form.factor == pytest.approx(SIZE, rel=0.02)
+
+
+DELAY, BEND = 1.3e-3, 3.0  # s, V
+
+
+def late(time, voltage):
+    return CubicSpline(time, voltage)(np.maximum(time - DELAY, time[0]))
+
+
+@pytest.mark.parametrize("curve", ["line", pytest.param("tanh", marks=pytest.mark.slow)])
+def test_a_voltage_that_shows_late(curve):
+    """A delay of a radian at the resonance: no lag of first order turns by as much and stays as large."""
+
+    def crosstalk(time, voltage):
+        v = late(time, voltage)
+        return SIZE * (v if curve == "line" else BEND * np.tanh(v / BEND))
+
+    found = diagnose(campaign("white", 5, crosstalk=crosstalk))
+    assert found.verdict == "new_effect", (found.verdict, found.effects)
+    (discovery,) = found.discovery
+    law = discovery.law
+    assert (law.place.name, law.place.input) == ("reading.displacement", "voltage")
+    assert isinstance(law.memory, LateBy) and law.memory.whole
+    assert law.memory.delay == pytest.approx(DELAY, rel=0.02)
+    assert discovery.gain > 0.95
+    if curve == "line":
+        assert law.form.factor == pytest.approx(SIZE, rel=0.02)
 
 
 FINER = 8

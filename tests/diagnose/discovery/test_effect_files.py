@@ -63,6 +63,7 @@ LAWS = [
     Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
     Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
     Law(place=LoadCurrent(), form=Line(factor=1.0), memory=LateBy(delay=1e-3)),
+    Law(place=Reading("displacement", "voltage"), form=Line(factor=1e-7), memory=LateBy(delay=1e-3, whole=True)),
     Law(place=LoadCurrent(), form=Line(factor=0.5), memory=Relaxation(time_constant=1e-3, behind=True)),
     Law(place=Diode(reach=1e-4), form=Power(factor=0.1, exponent=0.4, scale=1e-4, odd=False)),
     Law(place=DcLoad(reach=10.0), form=Knee(factor=1e-6, knee=4.0, sides=1)),

@@ -285,7 +285,9 @@ class Delay(Memory):
 
 @dataclass(frozen=True, kw_only=True)
 class LateBy(Memory):
-    """By how much what is an input of a while ago is ahead of it: x(t - d) - x(t), with a Pade approximation.
+    """By how much an input of a while ago is ahead of it: x(t - d) - x(t), with a Pade approximation.
+
+    With `whole` it is that input itself, which a sensor may show of another channel.
 
     Of e^(-s d) it has two poles and two zeros, (1 - a + a^2/3)/(1 + a + a^2/3) with a = s d/2: the amplitude is exact,
     and the phase off by (w d)^5/720 rad, a thousandth at w d = 0.9.
@@ -296,6 +298,7 @@ class LateBy(Memory):
     kind: ClassVar[str] = "delay"
 
     delay: float = quantity("s", "delay", above=0)
+    whole: bool = False
 
     def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
         # A lag y of second order, y'' d^2/12 + y' d/2 + y = x, of which -d y' is what is sought; z = y' d/sqrt(12).
@@ -303,10 +306,16 @@ class LateBy(Memory):
         (y, dy), (z, dz) = specimen.state("late", storage), specimen.state("rate", storage)
         specimen.equation(dy - w * z)
         specimen.equation(dz + 0.5 * _SLOWNESS * w * z + w * (y - x))
-        return -_SLOWNESS * z
+        return x - _SLOWNESS * z if self.whole else -_SLOWNESS * z
 
     def made(self, terms: EnergyRows, x: Row) -> Row:
-        return -_SLOWNESS * terms.own("rate")[0]
+        ahead = -_SLOWNESS * terms.own("rate")[0]
+        return x + ahead if self.whole else ahead
+
+    def made_of(self, x: np.ndarray, step: float) -> np.ndarray:
+        at = np.arange(len(x)) * step
+        ago = np.interp(at - self.delay, at, x)
+        return ago if self.whole else ago - x
 
 
 def _storage(specimen: EquationBuilder, of: str) -> Any:

@@ -185,7 +185,8 @@ def _remembered(memory: Memory | None, symbol: str, place: Place) -> str:
         lagging = f"lag({symbol}; {memory.time_constant:.4g} s)"
         return f"({lagging} - {symbol})" if memory.behind else lagging
     if isinstance(memory, LateBy):
-        return f"({symbol}(t - {memory.delay:.4g} s) - {symbol}(t))"
+        ago = f"{symbol}(t - {memory.delay:.4g} s)"
+        return ago if memory.whole else f"({ago} - {symbol}(t))"
     if isinstance(memory, Resonance):
         lagging = f"resonance({symbol}; {memory.frequency:.4g} Hz, damping {memory.damping_ratio:.3g})"
         return f"({lagging} - {symbol})" if memory.behind else lagging

@@ -18,15 +18,16 @@ from piezoharvest.description.effects.nameless.memory import (
     DIRECT,
     RATE,
     LaggingFunction,
+    LateBy,
     Memory,
     Play,
     Relaxation,
 )
-from piezoharvest.description.effects.nameless.places import Damper, Place, Reading, Spring
+from piezoharvest.description.effects.nameless.places import CHANNELS, Damper, Place, Reading, Spring
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, ScoredLaw, best_of, fitted, score, without_law
-from piezoharvest.diagnose.discovery.memories.scores import plays
+from piezoharvest.diagnose.discovery.memories.scores import delays, plays
 from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.tables.knots import table_for
 from piezoharvest.diagnose.discovery.tables.visited import inputs_of_records
@@ -91,7 +92,8 @@ def functions_of_memories(
                 progress(f"there it would give energy, so that it is no law of the {again.place.name}")
                 continue
             found.append(again)
-            if excess_of(again.found) < LEAST_LEFT * excess_of(here.found):
+            # A delay looks like a lag, so that both are fitted where both may be.
+            if LateBy not in _kinds(_place(here)) and excess_of(again.found) < LEAST_LEFT * excess_of(here.found):
                 return found
     return found
 
@@ -168,7 +170,9 @@ def _place(law: LawFit) -> Place:
 def _kinds(place: Place) -> tuple[type[Memory], ...]:
     """Memories of which a place may have a function."""
     if isinstance(place, Reading):
-        return (Play, Relaxation, LaggingFunction) if place.of == place.channel else ()
+        if place.of == place.channel:
+            return Play, Relaxation, LaggingFunction
+        return (Relaxation, LateBy) if place.of in CHANNELS else ()
     if place.in_circuit:
         return ()
     lags = (Relaxation, LaggingFunction)
@@ -206,6 +210,9 @@ def _starts(problem: Problem, bare: Fit, here: LawFit, visited: np.ndarray) -> l
         sides = (True, False) if isinstance(place, Reading) else (behind,)
         starts += [Relaxation(time_constant=each, behind=side) for each in times for side in sides]
         starts += [LaggingFunction(time_constant=each) for each in times if LaggingFunction in kinds]
+    if LateBy in kinds:
+        times = delays(campaign_scales(problem.data, bare), bare.model.transducer)
+        starts += [LateBy(delay=each, whole=True) for each in times]
     memory = here.law.memory
     if isinstance(memory, kinds) and not isinstance(here.place, Damper):
         starts.append(replace(memory, behind=behind) if isinstance(memory, Relaxation) else memory)

@@ -37,7 +37,8 @@ DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of th
 # Of the own resonances of the specimen: frequencies that are tried, too, as one beside them shows most, and narrowly;
 # and their damping ratio, with which neighbours overlap.
 BESIDE, BESIDE_DAMPING = (0.5, 0.7, 0.84, 1.0, 1.19, 1.41, 2.0), 0.1
-DELAYS, LATE_SAMPLES = 5, 16.0  # delays of a load that are tried; longest one, in samples, where there is no resonance
+# Delays of a load or of crosstalk that are tried; longest one, in samples, where there is no resonance.
+DELAYS, LATE_SAMPLES = 5, 16.0
 # Of sqrt(L C) of a switched loop: least time constant of a relaxation that is tried there, as a faster one is a
 # resistance or an inductance; and how many are tried in each decade, within which fits find the best one.
 LEAST_SWING, IN_A_DECADE = 0.1, 2
@@ -51,7 +52,8 @@ def memories_at(place: Place, visited: Visited, scales: CampaignScales, device: 
     """
     kinds: list[Memory] = []
     if isinstance(place, Reading):
-        kinds = [*(_of_sensor if place.of == place.channel else _of_crosstalk)(place, visited, scales)]
+        own = place.of == place.channel
+        kinds = [*(_of_sensor(place, visited, scales) if own else _of_crosstalk(place, scales, device))]
     elif isinstance(place, LoadCurrent):
         kinds = [*_of_load(scales, device)]
     elif isinstance(place, SwitchLoop):
@@ -71,24 +73,30 @@ def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterat
     yield from _resonances(scales, behind=True)
 
 
-def _of_crosstalk(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
-    """Filters between two channels: of low frequencies, of high ones, and resonances."""
+def _of_crosstalk(place: Place, scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
+    """Filters between two channels: of low frequencies, of high ones, resonances, and delays."""
     if place.input in CHANNELS:
+        yield from (LateBy(delay=each, whole=True) for each in delays(scales, device))
         yield from (Relaxation(time_constant=each, behind=side) for each in scales.times for side in (False, True))
         yield from _resonances(scales, behind=False, count=RESONANCES_BETWEEN, damping_ratio=BESIDE_DAMPING)
 
 
 def _of_load(scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
-    """How late a load may be: a delay by less than what turns the resonance, or some samples, by a radian.
+    """How late a load may be."""
+    yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
+    yield from (LateBy(delay=each) for each in delays(scales, device))
+
+
+def delays(scales: CampaignScales, device: Transducer) -> list[float]:
+    """Delays that are tried: by less than what turns the resonance, or some samples, by a radian.
 
     The longer ones of other periods of it look the same in a score.
     """
-    yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
     shortest = 0.5 * scales.sample_time
     radian = LATE_SAMPLES * scales.sample_time
     if not device.quasi_static:
         radian = max(float(np.sqrt(device.mass / device.stiffness)), 2.0 * shortest)
-    yield from (LateBy(delay=float(each)) for each in np.geomspace(shortest, radian, DELAYS))
+    return np.geomspace(shortest, radian, DELAYS).tolist()
 
 
 def _of_loop(scales: CampaignScales, device: Transducer) -> Iterator[Memory]:
