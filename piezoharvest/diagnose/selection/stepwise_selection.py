@@ -20,13 +20,14 @@ from piezoharvest.diagnose.selection.effect_change import EffectChange, cost_to_
 from piezoharvest.diagnose.selection.score_tests import ScoredEffect, effect_parameters, is_line
 from piezoharvest.diagnose.selection.significance import significance, standard_errors_from_zero, variance_inflation
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.output_error import excess_of
+from piezoharvest.identify.fitting.output_error import excess_of, mean_square
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.progress import Step, each_told
 
 FITS_PER_STAGE = 4  # full fits a stage
 FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
 STAGE_ITERATIONS = 6  # iterations after which a full fit waits for the others of its stage
+EFFECTS_IN_ENGINE = 2  # effects that may leave a large misfit where each fit takes ten times as long
 UNEXPLAINED_MESSAGE = "the largest excess of the residuals over the noise remains: no known effect explains it"
 
 
@@ -143,7 +144,7 @@ class Searcher:
             if more is None:
                 break
             before, found = found, more
-            if more.added and self._leaves_outstanding(before.now, more.now):
+            if more.added and (self._leaves_outstanding(before.now, more.now) or self._stays_large(more.now)):
                 trials.progress(UNEXPLAINED_MESSAGE)
                 break
         now, levels = self._drop_uncertain(found.now, found.levels)
@@ -245,6 +246,14 @@ class Searcher:
             for key, above in places.items()
             if above > thresholds.OUTSTANDING_SHARE * worst
         )
+
+    def _stays_large(self, now: EffectChange) -> bool:
+        """True if two effects leave a large misfit of records behind diodes or switches, where each fit takes long.
+
+        A third takes the place of what is none of them, as the two do.
+        """
+        several = len(now.effects) - self.given_effects >= EFFECTS_IN_ENGINE
+        return self.trials.problem.needs_engine and several and mean_square(now.found) > thresholds.LARGE_MISFIT
 
     def _excesses(self, step: EffectChange) -> dict[tuple[str, str, str], float]:
         """Excess of all failed residual tests, the variance of drive noise (no reason for an effect) aside."""
