@@ -210,8 +210,8 @@ BREAKERS = {
 def test_electronic_breakers_as_in_the_engine(name, hysteresis):
     """From rest; the engine's are held against closed forms and ngspice in shunts/test_self_powered.
 
-    The instants of the bench drift, by some picoseconds in ninety events. A voltage that swings from 19 to -15 V moves by
-    a 1e-7th of that in seven of them, so the record is as long as eight actions take.
+    The instants of the bench drift, by some picoseconds in ninety events. A voltage that swings from 19 to -15 V moves
+    by a 1e-7th of that in seven of them, so the record is as long as eight actions take.
     """
     transducer = {**BENCH, **hysteresis}
     study = {"transducer": transducer, "excitation": DRIVE, "shunts": [{**BREAKER, **BREAKERS[name]}]}

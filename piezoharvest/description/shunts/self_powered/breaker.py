@@ -238,7 +238,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
             yield self._turning(breakers, which, sign, port, z)
         if state == SPENT and breakers.position != which:
             yield Guard(self.diode_drop * port.one - sign * port.v, breakers.put(which, EMPTY).name, event="")
-        if state == HELD and breakers.position == "open":
+        if state == HELD and breakers.ready:
             after = breakers.put(which, SPENT)._replace(position=which)
             yield Guard(self._fallen(which, sign, port, z), after.name, f"envelope_{which}", event="switch closes")
             # One that holds a positive voltage has closed its breaker by then.

@@ -48,9 +48,16 @@ class Breakers(NamedTuple):
         """
         if self.position != "open" and self.of(self.position) not in (SPENT, RIDES):
             return False
-        if self.high == self.low and self.high in (CHARGES, RIDES):
+        if self.high == self.low and self.high in (CHARGES, RIDES, SPENT):
+            return False
+        if (self.position == "high" and self.low == SPENT) or (self.position == "low" and self.high == SPENT):
             return False
         return not (self.high == RIDES and self.bridge == "+") and not (self.low == RIDES and self.bridge == "-")
+
+    @property
+    def ready(self) -> bool:
+        """Whether a breaker may close: the other one keeps it from that until its capacitor may be charged again."""
+        return self.position == "open" and SPENT not in (self.high, self.low)
 
     def of(self, which: str) -> str:
         """State of the envelope capacitor of a breaker, "high" or "low"."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import ClassVar
@@ -27,13 +27,15 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
     bridge_marks: ClassVar[tuple[str, ...]] = ("", "+", "-")
 
     def possible(self, breakers: Breakers) -> bool:
-        return super().possible(breakers) and not (breakers.bridge and any(self._resting(breakers)))
+        return super().possible(breakers) and not (breakers.bridge and self._resting(breakers))
 
-    def _resting(self, breakers: Breakers) -> Iterator[str]:
+    def _resting(self, breakers: Breakers) -> list[str]:
         """Breakers whose envelope capacitors follow a voltage that stays where it is while the bridge conducts."""
-        if self._rests:
-            states = (CHARGES,) if np.any(np.real(self.base_resistance) > 0) else (CHARGES, RIDES)
-            yield from (which for state in states for which, _ in breakers.where(state))
+        found = [which for which, _ in (*breakers.where(CHARGES), *breakers.where(RIDES))]
+        if not found or not self._rests:
+            return []
+        pulled = np.any(np.real(self.base_resistance) > 0)
+        return [which for which in found if not (pulled and breakers.of(which) == RIDES)]
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (*self.breaker_states(capacitance), *self.bridge_states())
@@ -59,10 +61,11 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
         if breakers.bridge:
             rectified = self._bridge(breakers, port, z)[1]
             return [*guards, Guard(-rectified, breakers._replace(bridge="").name, conducts=False)]
+        resting = self._resting(breakers)
         for mark, sign in (("+", 1), ("-", -1)):
             after = breakers._replace(bridge=mark)
             if after.exists:
-                for which in self._resting(breakers):
+                for which in resting:
                     after = after.rest_from(which)
                 guards.append(Guard(self.excess(sign, port, z), after.name))
         return guards
