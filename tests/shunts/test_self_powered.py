@@ -233,11 +233,11 @@ def test_a_core_takes_its_share_of_what_is_extracted():
 
 @pytest.mark.slow
 @needs_ngspice
-@pytest.mark.parametrize("core", [None, 1e4])
+@pytest.mark.parametrize(("core", "base"), [(None, 0.0), (1e4, 0.0), (None, 2e5)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_against_ngspice(kind, core):
+def test_against_ngspice(kind, core, base):
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
-    keys["breaker_drop"] = 0.5 if core else None
+    keys |= {"breaker_drop": 0.5 if core else None, "base_resistance": base}
     dc = {SelfPoweredSSHI: {"dc_voltage": 5.0}, SelfPoweredSeriesSSHI: {"dc_voltage": 3.0}}.get(kind, {})
     system = System(Transducer(**BENCH), kind(**keys, **dc, core_resistance=core))
     figures, trusted = compare(system, SineForce(amplitude=0.02, frequency=50.6))
