@@ -29,9 +29,9 @@ ASSUMED_SHARE = (
     1 / 20
 )  # of the clamped capacitance: a tenth costs a noticeable part, a fortieth hardly drives a transistor
 ASSUMED_THRESHOLD = 0.6  # V, between base and emitter
-# A junction behind a resistance blocks at so much less than its threshold, as a share of the negative voltage that its
-# capacitor has: while the voltage rests, it would else block and conduct by rounding alone, without end.
-BACK = 1e-6
+# A junction behind a resistance conducts again at so much more than its threshold, as a share of the negative voltage
+# that its capacitor has: while the voltage rests, it would else block and conduct by rounding alone, without end.
+AGAIN = 1e-6
 
 
 def _positive(voltage: Any) -> Any:
@@ -246,7 +246,8 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
             yield Guard(below, breakers.put(which, EMPTY).name, event="")
         after = breakers.put(which, RIDES)
         if (state == EMPTY or (state == SPENT and breakers.position == which)) and self.possible(after):
-            yield Guard(self._fallen(which, sign, port, z), after.name, conducts=True)
+            again = np.where(np.real(self.base_resistance) > 0, AGAIN, 0.0) * getattr(z, f"envelope_{which}")
+            yield Guard(self._fallen(which, sign, port, z) + again, after.name, conducts=True)
         after = breakers.put(which, CHARGES)
         if state in (EMPTY, HELD) and self.possible(after):
             excess = sign * port.v - getattr(z, f"envelope_{which}") - self.diode_drop * port.one
@@ -257,8 +258,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         after = breakers.rest_from(which).name
         if breakers.of(which) == CHARGES:
             return Guard(-sign * port.dv, after, conducts=False)
-        ended = BACK * getattr(z, f"envelope_{which}") - self._fallen(which, sign, port, z)
-        return Guard(np.where(np.real(self.base_resistance) > 0, ended, sign * port.dv), after, conducts=False)
+        return Guard(-self._of_junction(which, sign, port, z), after, conducts=False)
 
     def _drive(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage across the coil with what resists in line."""
