@@ -194,6 +194,9 @@ BREAKERS = {
     "sshi with a resistance of the base": {
         "kind": "self_powered_sshi", "dc_voltage": 1.0, "diode_drop": 0.05, "base_resistance": 2e5,
     },
+    "sece with a small resistance of the base": {
+        "kind": "self_powered_sece", "diode_drop": 0.05, "base_resistance": 1e3,
+    },
     "series with a resistance of the base": {
         "kind": "self_powered_series_sshi", "dc_voltage": 0.3, "diode_drop": 0.05, "base_resistance": 2e5,
     },

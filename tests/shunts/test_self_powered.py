@@ -154,11 +154,14 @@ def test_what_is_at_rest_says_so():
 BESIDE = 1 / 20  # of C
 
 
-def pulled_swing(fires, level):
-    """Voltage that a swing about a level ends at, from where a breaker closes, with its sign changed."""
+def pulled_swing(fires, level, within=True):
+    """Voltage that a swing about a level ends at, from where a breaker closes, with its sign changed.
+
+    The capacitor of maxima is pulled within the swing, or not.
+    """
     # Units of sqrt(L C) and sqrt(L/C): c w' = -i, i' = w - i/Q.
     now = np.array([fires - level, 0.0])
-    for beside, below in ((1, -THRESHOLD - level), (2, None)):
+    for beside, below in ((1, -THRESHOLD - level), (2 if within else 1, None)):
         rates = np.array([[0.0, -1 / (1 + beside * BESIDE)], [1.0, -1 / QUALITY]])
 
         def at(time, rates=rates, begins=now):
@@ -207,6 +210,30 @@ def test_capacitors_pulled_below_zero_beside_a_bridge():
     wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - (1 + 2 * BESIDE) * (held - left))
     found = steady(SelfPoweredSSHI(**BEHIND, dc_voltage=dc))
     assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_a_resistance_of_the_base_pulls_a_capacitor_after_the_swing():
+    """It takes thousands of swings for that, but less than the bridge conducts: the junction rests with that."""
+    dc = 0.8 * V_OC
+    held = dc + 2 * DROP
+    left = pulled_swing(held - THRESHOLD - DROP, DROP, within=False)
+    pulled = BESIDE * (held - THRESHOLD)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - (1 + BESIDE) * (held - left) - pulled)
+    resistance = 0.02 / (OMEGA * BEHIND["envelope_capacitance"])
+    found = steady(SelfPoweredSSHI(**BEHIND, dc_voltage=dc, base_resistance=resistance))
+    assert found.harvested_power == pytest.approx(wanted, rel=1e-4, abs=0)
+
+
+@pytest.mark.parametrize("resistance", [1e3, 220e3])
+def test_a_junction_rests_with_a_bridge(resistance):
+    """At a voltage that a bridge holds, its current decays to rounding, which would let it block and conduct."""
+    shunt = SelfPoweredSSHI(
+        inductance=0.1, quality=5.0, envelope_capacitance=2e-9, threshold=0.17, diode_drop=0.5, breaker_drop=0.65,
+        switch_resistance=30.0, dc_voltage=15.0, base_resistance=resistance,
+    )  # fmt: skip
+    omega = 2 * math.pi * 42.0
+    force = 20.0 * CAPACITANCE / COUPLING * abs(1e6 - 0.63 * omega**2 + 480j * omega)
+    steady(shunt, SineForce(amplitude=force, frequency=42.0))
 
 
 def test_capacitors_pulled_below_zero_after_an_extraction():
