@@ -22,10 +22,10 @@ CLOSED, SNUBBER = 2e-3, 1e3
 # of the corner of its diode as a share of the expected voltage.
 OPEN, STEEPNESS, ROUNDING = 1e-8, 100.0, 2e-4
 HELD = 3e-6  # rounding of the corner of an envelope's diode, as a share of that voltage
-# Time constants as shares of a flip: with which a latch follows, and with which a capacitor is emptied.
+# Time constants as shares of a flip: with which a latch follows and a capacitor is emptied, and of what holds a latch.
 FOLLOW, SPEND = 0.01, 0.5
-# Shares of the expected voltage: within which a latch decides, at which a capacitor counts as empty, and what keeps a
-# latch set until it is, which is more than any voltage.
+# Shares of the expected voltage: within which a latch decides, at which what holds it counts as empty, and what keeps a
+# latch set until it is, which is more than any voltage. At the second a junction may pull a capacitor down.
 DECIDE, EMPTY, HOLD = 1e-4, 1e-3, 1e3
 EMPTIED = 1e-3  # share of it within which the electrodes count as empty
 # Share of a flip with which the path follows that: longer, it opens late (5e-3 cost 1 % of the displacement); at once,
@@ -129,23 +129,46 @@ def _write_breaker(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, 
     """Envelope capacitor and latch of one breaker, `across` which this voltage lies; return the latch's node."""
     flip = shunt.nominal_flip_time(point.capacitance)
     deck.section(f"breaker of the {name} voltage: V({name}) is held, V(on{name}) is 1 while it is on")
-    drop = deck.parameter("diode_drop", shunt.diode_drop)
-    threshold = deck.parameter("threshold", shunt.threshold)
-    # Rounder, or of less resistance, the corner would let the capacitor creep up while the voltage rests.
-    least, corner = BRIDGE / (point.omega * shunt.envelope_capacitance), number((HELD * point.voltage) ** 2)
-    excess = f"({across}-V({name})-{drop})"
-    current = f"max(0, 1-2*V(on{name}))*{number(0.5 / least)}*({excess} + sqrt({excess}*{excess}+{corner}))"
-    capacitance = deck.parameter("capacitance_envelope", shunt.envelope_capacitance)
-    deck.add(f"C{name} {name} 0 {capacitance} {point.condition(f'envelope_{name}')}")
-    deck.add(f"Bcharge{name} 0 {name} I={current}")
-    deck.add(f"Btake{name} {'p 0' if name == 'high' else '0 p'} I={current}")
-    deck.add(f"Bspend{name} {name} 0 I=V({name})*max(0, V(on{name})-0.3)*{capacitance}*{number(1 / (SPEND * flip))}")
+    fallen = f"(V({name})-{across}-{deck.parameter('threshold', shunt.threshold)})"
+    _write_envelope(deck, shunt, point, name, across, fallen)
+    _write_charge_of_latch(deck, shunt, point, name)
     # Each turns over: what keeps a latch set comes before it spends anything, and it takes more to set than to keep it.
-    filled = f"V({name})-{number(EMPTY * point.voltage)}*(5-4*V(on{name}))"
-    fallen = f"V({name})-{across}-{threshold}+{number(HOLD * point.voltage)}*max(0, V(on{name})-0.1)"
-    deck.add(f"Bdecide{name} decide{name} 0 V=min({filled}, {fallen})")
+    filled = f"V(keep{name})-{number(EMPTY * point.voltage)}*(5-4*V(on{name}))"
+    held = f"{fallen}+{number(HOLD * point.voltage)}*max(0, V(on{name})-0.1)"
+    deck.add(f"Bdecide{name} decide{name} 0 V=min({filled}, {held})")
     width = number((DECIDE * point.voltage) ** 2)
     deck.add(f"Bwanted{name} wanted{name} 0 V=0.5+0.5*V(decide{name})/sqrt(V(decide{name})*V(decide{name})+{width})")
     deck.add(f"Rlatch{name} wanted{name} on{name} 1")
     deck.add(f"Clatch{name} on{name} 0 {number(FOLLOW * flip)} IC=0")
     return f"on{name}"
+
+
+def _write_envelope(
+    deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, name: str, across: str, fallen: str
+) -> None:
+    """Envelope capacitor with the diode that charges it, and the junction that pulls it below zero."""
+    excess = f"({across}-V({name})-{deck.parameter('diode_drop', shunt.diode_drop)})"
+    # Rounder, or of less resistance, the corner would let the capacitor creep up while the voltage rests.
+    least, corner = BRIDGE / (point.omega * shunt.envelope_capacitance), number((HELD * point.voltage) ** 2)
+    charging = f"max(0, 1-2*V(on{name}))*{number(0.5 / least)}*({excess} + sqrt({excess}*{excess}+{corner}))"
+    behind = shunt.base_resistance > least
+    resistance = deck.parameter("base_resistance", shunt.base_resistance) if behind else number(least)
+    below = f"max(0, min(1, 2-V({name})*{number(1 / (EMPTY * point.voltage))}))"
+    pulling = f"{below}*0.5/{resistance}*({fallen} + sqrt({fallen}*{fallen}+{corner}))"
+    capacitance = deck.parameter("capacitance_envelope", shunt.envelope_capacitance)
+    deck.add(f"C{name} {name} 0 {capacitance} {point.condition(f'envelope_{name}')}")
+    leads = ("p 0", "0 p") if name == "high" else ("0 p", "p 0")
+    deck.add(f"Bcharge{name} 0 {name} I={charging}")
+    deck.add(f"Btake{name} {leads[0]} I={charging}")
+    deck.add(f"Bpull{name} {name} 0 I={pulling}")
+    deck.add(f"Bgive{name} {leads[1]} I={pulling}")
+
+
+def _write_charge_of_latch(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, name: str) -> None:
+    """A latch uses up the envelope's charge; what holds it is as much at first, and is used more slowly."""
+    flip, capacitance = shunt.nominal_flip_time(point.capacitance), number(shunt.envelope_capacitance)
+    used = f"max(0, V(on{name})-0.3)*{capacitance}"
+    deck.add(f"Bspend{name} {name} 0 I=max(0, V({name}))*{used}*{number(1 / (FOLLOW * flip))}")
+    deck.add(f"Ckeep{name} keep{name} 0 {capacitance} IC={number(max(0.0, point.initial(f'envelope_{name}')))}")
+    follows = f"max(0, 1-2*V(on{name}))*{capacitance}*{number(1 / (FOLLOW * flip))}*(max(0, V({name}))-V(keep{name}))"
+    deck.add(f"Bkeep{name} 0 keep{name} I={follows} - V(keep{name})*{used}*{number(1 / (SPEND * flip))}")

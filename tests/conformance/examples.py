@@ -114,6 +114,7 @@ VARIANTS = {
     "self_powered_sshi": [
         {"diode_drop": 0.05, "diode_resistance": 3e3, "core_resistance": 3e3, **LEAKING},
         {"diode_drop": 0.05, **WOUND},
+        {"dc_voltage": 1.0, "diode_drop": 0.05, "base_resistance": 2e5},
     ],
     "self_powered_series_sshi": [
         {**ESR, "diode_drop": 0.05},
@@ -121,10 +122,12 @@ VARIANTS = {
         {"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0, "core_resistance": 3e3},
     ],
     "self_powered_sece": [
+        {"diode_drop": 0.05, "base_resistance": 2e5},
         {"diode_drop": 0.05, "efficiency": 0.7, "core_resistance": 3e3},
         {"diode_drop": 0.05, **WOUND},
     ],
     "self_powered_ssdi": [
+        {"diode_drop": 0.05, "base_resistance": 2e5},
         {"diode_drop": 0.05, "core_resistance": 3e3},
         {"diode_drop": 0.05, "core_resistance": 3e3, **WOUND},
     ],

@@ -191,6 +191,15 @@ BREAKERS = {
     },
     "series with a core": {"kind": "self_powered_series_sshi", "dc_voltage": 0.3, "core_resistance": 3e3},
     "sece": {"kind": "self_powered_sece", "diode_drop": 0.05, "core_resistance": 3e3},
+    "sshi with a resistance of the base": {
+        "kind": "self_powered_sshi", "dc_voltage": 1.0, "diode_drop": 0.05, "base_resistance": 2e5,
+    },
+    "sece with a small resistance of the base": {
+        "kind": "self_powered_sece", "diode_drop": 0.05, "base_resistance": 1e3,
+    },
+    "series with a resistance of the base": {
+        "kind": "self_powered_series_sshi", "dc_voltage": 0.3, "diode_drop": 0.05, "base_resistance": 2e5,
+    },
     "ssdi": {"kind": "self_powered_ssdi"},
     "ssdi with a winding": {
         "kind": "self_powered_ssdi", "diode_drop": 0.05, "core_resistance": 3e3, "switch_resistance": 30.0,
@@ -202,10 +211,14 @@ BREAKERS = {
 @pytest.mark.parametrize("name", BREAKERS)
 @pytest.mark.parametrize("hysteresis", [{}, {"hysteresis": STOPS}], ids=["plain", "hysteresis"])
 def test_electronic_breakers_as_in_the_engine(name, hysteresis):
-    """From rest; the engine's are held against closed forms and ngspice in shunts/test_self_powered."""
+    """From rest; the engine's are held against closed forms and ngspice in shunts/test_self_powered.
+
+    The instants of the bench drift, by some picoseconds in ninety events. A voltage that swings from 19 to -15 V moves
+    by a 1e-7th of that in seven of them, so the record is as long as eight actions take.
+    """
     transducer = {**BENCH, **hysteresis}
     study = {"transducer": transducer, "excitation": DRIVE, "shunts": [{**BREAKER, **BREAKERS[name]}]}
-    wanted = solve(study, transient=0.1, samples=400).waveforms
+    wanted = solve(study, transient=0.09, samples=400).waveforms
     found = waves(DRIVE, study["shunts"][0], transducer, times=wanted.time)
     assert wanted.event_names.count("switch closes") >= 7
     for signal in ("displacement", "voltage"):

@@ -149,6 +149,115 @@ def test_what_is_at_rest_says_so():
     assert "no breaker closes" in found.message
 
 
+# Envelope capacitors that take something: while the voltage falls, that of maxima is beside C once its junction pulls
+# it, that of minima all the way, as it begins to be charged where the breaker closes.
+BESIDE = 1 / 20  # of C
+
+
+def pulled_swing(fires, level, within=True):
+    """Voltage that a swing about a level ends at, from where a breaker closes, with its sign changed.
+
+    The capacitor of maxima is pulled within the swing, or not.
+    """
+    # Units of sqrt(L C) and sqrt(L/C): c w' = -i, i' = w - i/Q.
+    now = np.array([fires - level, 0.0])
+    for beside, below in ((1, -THRESHOLD - level), (2 if within else 1, None)):
+        rates = np.array([[0.0, -1 / (1 + beside * BESIDE)], [1.0, -1 / QUALITY]])
+
+        def at(time, rates=rates, begins=now):
+            return expm(rates * time) @ begins
+
+        def left(time, at=at, below=below):
+            return at(time)[1] if below is None else below - at(time)[0]
+
+        now = at(brentq(left, 1e-3, 3.3 if below is None else 2.6, xtol=1e-14))
+    return -(now[0] + level)
+
+
+def fires_at(after):
+    """Voltage at which a breaker closes, if it does so `after` a swing from there."""
+    return brentq(lambda fires: after(fires) - fires, 2 * V_OC, 6 * V_OC, xtol=1e-14)
+
+
+def after_the_swing(fires, level):
+    """Strain adds to the voltage that a swing has left, up to the peak, and takes threshold and drop from that."""
+    return pulled_swing(fires, level) + V_OC * (1 + COS) / (1 + 2 * BESIDE) - THRESHOLD - DROP
+
+
+BEHIND = {**KEYS, "envelope_capacitance": BESIDE * CAPACITANCE}
+
+
+def test_capacitors_pulled_below_zero_in_damping():
+    fires = fires_at(lambda fires: after_the_swing(fires, DROP))
+    found = steady(SelfPoweredSSDI(**BEHIND))
+    assert found.voltage_amplitude == pytest.approx(fires + THRESHOLD + DROP, rel=CLOSE, abs=0)
+
+
+def test_capacitors_pulled_below_zero_in_series():
+    dc = 0.4 * V_OC
+    level = dc + 3 * DROP
+    fires = fires_at(lambda fires: after_the_swing(fires, level))
+    passes = (1 + BESIDE) * (fires + THRESHOLD) + (1 + 2 * BESIDE) * (pulled_swing(fires, level) - THRESHOLD)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * passes
+    found = steady(SelfPoweredSeriesSSHI(**BEHIND, dc_voltage=dc))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_capacitors_pulled_below_zero_beside_a_bridge():
+    dc = 0.8 * V_OC
+    held = dc + 2 * DROP
+    left = pulled_swing(held - THRESHOLD - DROP, DROP)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - (1 + 2 * BESIDE) * (held - left))
+    found = steady(SelfPoweredSSHI(**BEHIND, dc_voltage=dc))
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_a_resistance_of_the_base_pulls_a_capacitor_after_the_swing():
+    """It takes thousands of swings for that, but less than the bridge conducts: the junction rests with that."""
+    dc = 0.8 * V_OC
+    held = dc + 2 * DROP
+    left = pulled_swing(held - THRESHOLD - DROP, DROP, within=False)
+    pulled = BESIDE * (held - THRESHOLD)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - (1 + BESIDE) * (held - left) - pulled)
+    resistance = 0.02 / (OMEGA * BEHIND["envelope_capacitance"])
+    found = steady(SelfPoweredSSHI(**BEHIND, dc_voltage=dc, base_resistance=resistance))
+    assert found.harvested_power == pytest.approx(wanted, rel=1e-4, abs=0)
+
+
+@pytest.mark.parametrize("resistance", [1e3, 220e3])
+def test_a_junction_rests_with_a_bridge(resistance):
+    """At a voltage that a bridge holds, its current decays to rounding, which would let it block and conduct."""
+    shunt = SelfPoweredSSHI(
+        inductance=0.1, quality=5.0, envelope_capacitance=2e-9, threshold=0.17, diode_drop=0.5, breaker_drop=0.65,
+        switch_resistance=30.0, dc_voltage=15.0, base_resistance=resistance,
+    )  # fmt: skip
+    omega = 2 * math.pi * 42.0
+    force = 20.0 * CAPACITANCE / COUPLING * abs(1e6 - 0.63 * omega**2 + 480j * omega)
+    steady(shunt, SineForce(amplitude=force, frequency=42.0))
+
+
+def test_capacitors_pulled_below_zero_after_an_extraction():
+    """The capacitor of minima is charged from where a breaker closes on; that of maxima is pulled from V_th on."""
+    peak = (2 * V_OC - THRESHOLD - DROP + BESIDE * THRESHOLD) / (1 + 2 * BESIDE)
+    fires = peak - THRESHOLD - DROP
+    wanted = 2 * FREQUENCY * (1 + BESIDE) * CAPACITANCE * (0.5 * fires**2 - 2 * DROP * fires)
+    found = steady(SelfPoweredSECE(**{**BEHIND, "quality": 1e8}))
+    assert found.voltage_amplitude == pytest.approx(peak, rel=CLOSE, abs=0)
+    assert found.harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_a_capacitor_that_is_not_charged_above_zero_closes_nothing():
+    """Charged and pulled by less than the drop of its diode, it loses that and the threshold in each period."""
+    keys = {**BEHIND, "diode_drop": 1.1 * V_OC, "threshold": 0.1 * V_OC}
+    found = steady(SelfPoweredSSDI(**keys))
+    both = keys["diode_drop"] + keys["threshold"]
+    peak = (V_OC + BESIDE * both) / (1 + 2 * BESIDE)
+    assert "no breaker closes" in found.message
+    assert found.voltage_amplitude == pytest.approx(peak, rel=1e-7, abs=0)
+    lost = 2 * BESIDE * CAPACITANCE * (2 * peak - both) * both
+    assert found.energy["shunt_loss"] == pytest.approx(lost, rel=1e-7, abs=0)
+
+
 def test_envelope_capacitors_cost_what_they_hold():
     """With larger ones less is harvested."""
     capacitors = [share * CAPACITANCE for share in (1e-6, 1e-2, 1e-1)]
@@ -233,11 +342,11 @@ def test_a_core_takes_its_share_of_what_is_extracted():
 
 @pytest.mark.slow
 @needs_ngspice
-@pytest.mark.parametrize("core", [None, 1e4])
+@pytest.mark.parametrize(("core", "base"), [(None, 0.0), (1e4, 0.0), (None, 2e5)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_against_ngspice(kind, core):
+def test_against_ngspice(kind, core, base):
     keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
-    keys["breaker_drop"] = 0.5 if core else None
+    keys |= {"breaker_drop": 0.5 if core else None, "base_resistance": base}
     dc = {SelfPoweredSSHI: {"dc_voltage": 5.0}, SelfPoweredSeriesSSHI: {"dc_voltage": 3.0}}.get(kind, {})
     system = System(Transducer(**BENCH), kind(**keys, **dc, core_resistance=core))
     figures, trusted = compare(system, SineForce(amplitude=0.02, frequency=50.6))

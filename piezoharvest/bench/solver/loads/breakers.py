@@ -7,32 +7,39 @@ import numpy as np
 from piezoharvest.bench.solver.loads.circuits import Circuit, Rectifier
 from piezoharvest.bench.solver.loads.switched import SSDI
 
-# Slots of the guards: a breaker opens, or closes (after a maximum, a minimum), an envelope turns or follows (maxima,
-# minima), and what circuits add: a bridge, or empty electrodes.
-OPENS, CLOSES, FOLLOWS, FURTHER = 0, 1, 3, 5
+# Slots of the guards: a breaker opens; the voltage has fallen from an envelope (maxima, minima), or rises beyond it;
+# and what circuits add: a bridge, or empty electrodes.
+OPENS, FALLS, RISES, FURTHER = 0, 1, 3, 5
 PACE = 25.0  # sqrt(L C) times this is of the size of the time in which the voltage moves, for the size of its rate
+# Of an envelope capacitor: not above zero, above it, charged by the voltage, pulled down with it, just used up.
+EMPTY, FULL, CHARGED, PULLED, USED = range(5)
 
 
 class Breaking(SSDI):
     """A coil behind two breakers; states are those of the coil, both envelope voltages, and of a dc side.
 
-    `position` is 0 while both are open, s while that of the sign s conducts, and 2 s once its current has ended, until
-    the voltage is below a diode's drop. `following` is the sign of the voltage that charges its envelope capacitor,
-    `charged` are the signs of those that have a charge.
+    `closed` is the sign of the voltage whose breaker conducts, 0 while both are open. `kept` tells, by this sign, what
+    each envelope capacitor does.
     """
 
     envelope_capacitance: float
     threshold: float
     diode_drop: float
     breaker_drop: float | None
+    base_resistance: float
     on_time_error = 0.0
     path_diodes = 1
     guard_count = 7
-    sign = position = following = 0
-    charged: frozenset[int] = frozenset()
+    sign = closed = 0
+    kept: dict[int, int]
     moved: dict[int, float]  # states that the last change of the branch moves, and where to
     rise: np.ndarray  # of the voltage, V/s
     path: np.ndarray  # current of the closed breaker, A
+    beside: np.ndarray | float  # current of the electrodes through junctions behind a resistance, A
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.kept = {1: EMPTY, -1: EMPTY}
 
     def driven(self, period):
         """Nothing: its switches are not timed."""
@@ -52,22 +59,16 @@ class Breaking(SSDI):
         self.drop = own + (self.path_diodes - 1) * self.diode_drop
 
     @property
-    def closed(self) -> int:
-        """Sign of the voltage whose breaker conducts, 0 if none does."""
-        return self.position if abs(self.position) == 1 else 0
-
-    @property
     def branch(self) -> int:
-        """Signs of bridge and envelope, position and charges in one number."""
-        charges = (1 in self.charged) + 2 * (-1 in self.charged)
-        return (self.sign + 1) + 3 * (self.following + 1) + 9 * (self.position + 2) + 45 * charges
+        """Signs of bridge and closed breaker, and what both capacitors do, in one number."""
+        return (self.sign + 1) + 3 * (self.closed + 1) + 9 * self.kept[1] + 45 * self.kept[-1]
 
     @branch.setter
     def branch(self, value: int) -> None:
-        charges, rest = divmod(value, 45)
-        self.charged = frozenset(s for s, bit in ((1, 1), (-1, 2)) if charges & bit)
-        self.position, rest = rest // 9 - 2, rest % 9
-        self.following, self.sign = rest // 3 - 1, rest % 3 - 1
+        low, rest = divmod(value, 45)
+        high, rest = divmod(rest, 9)
+        self.kept = {1: high, -1: low}
+        self.closed, self.sign = rest // 3 - 1, rest % 3 - 1
 
     @property
     def conducting(self) -> int:
@@ -77,59 +78,94 @@ class Breaking(SSDI):
         """Number of the state that is the voltage of an envelope capacitor."""
         return self.coil_states + (sign < 0)
 
+    def moves_along(self, sign: int) -> bool:
+        """Whether an envelope capacitor has the rate of the voltage: behind a diode, or a junction and nothing else."""
+        return self.kept[sign] == CHARGED or (self.kept[sign] == PULLED and not self.base_resistance)
+
     def flow(self, z, v, free, elastance):
         # A capacitor across the leads is one more of the electrodes.
-        beside = self.envelope_capacitance if self.following else 0.0
+        beside = self.envelope_capacitance * sum(self.moves_along(s) for s in (1, -1))
         share = 1.0 / (1.0 + beside * elastance)
+        self.beside, rates = 0.0, {}
+        for s in (1, -1):
+            rates[s] = 0.0 * v
+            if self.kept[s] == PULLED and self.base_resistance:
+                current = self.fallen(s, z, v) / self.base_resistance
+                self.beside = self.beside - s * current
+                rates[s] = -current / self.envelope_capacitance
         i, (coil, further) = self.inner(z, v, share * free, share * elastance)
         self.rise = share * (free - elastance * i)
-        rises = [self.rise * s if self.following == s else 0.0 * v for s in (1, -1)]
-        return i + beside * self.rise, (*coil, *rises, *further)
+        for s in (1, -1):
+            if self.moves_along(s):
+                rates[s] = s * self.rise
+        return i + beside * self.rise, (*coil, rates[1], rates[-1], *further)
 
     def inner(self, z, v, free, elastance) -> tuple[np.ndarray, tuple]:
-        """Current without that of the envelopes, and the rates of the coil's states and of further ones."""
+        """Current without what moves with the voltage, and the rates of the coil's states and of further ones."""
         across = v - self.closed * self.drop
         self.path = self.loop_current(z, across)
-        return self.path, (self.loop_rates(z, across), ())
+        return self.path + self.beside, (self.loop_rates(z, across), ())
+
+    def fallen(self, sign, z, v):
+        """Voltage by which the electrodes are below an envelope, less the threshold."""
+        return z[self.envelope(sign)] - sign * v - self.threshold
 
     def guards(self, z, v, i):
         never = 0.0 * v - 1.0
         found = [never] * self.guard_count
         if self.closed:
             found[OPENS] = -self.closed * self.impedance * self.path
-        elif self.position:
-            found[OPENS] = self.diode_drop - np.sign(self.position) * v
         for n, s in enumerate((1, -1)):
-            held = z[self.envelope(s)]
-            if not self.position and s in self.charged and self.following != s:
-                found[CLOSES + n] = held - s * v - self.threshold
-            if not self.following and self.may_follow(s):
-                found[FOLLOWS + n] = s * v - held - self.diode_drop
-        if self.following:
-            found[FOLLOWS] = -self.following * self.pace * self.rise
+            kept, fallen = self.kept[s], self.fallen(s, z, v)
+            if kept == PULLED:
+                found[FALLS + n] = -fallen if self.base_resistance else s * self.pace * self.rise
+            elif kept == USED and self.closed != s:
+                found[FALLS + n] = self.diode_drop - s * v
+            elif (kept == FULL and not self.closed) or (kept in (EMPTY, USED) and self.may_pull(s)):
+                found[FALLS + n] = fallen
+            if kept == CHARGED:
+                found[RISES + n] = -s * self.pace * self.rise
+            elif kept in (EMPTY, FULL) and self.may_charge(s):
+                found[RISES + n] = s * v - z[self.envelope(s)] - self.diode_drop
         return found
 
-    def may_follow(self, sign: int) -> bool:
-        """Whether the voltage of this sign can charge its envelope capacitor: not while a breaker keeps it empty."""
-        return self.position * sign <= 0 and self.sign != -sign
+    def may_charge(self, sign: int) -> bool:
+        """Whether the voltage of this sign can charge its envelope capacitor."""
+        return self.kept[-sign] != CHARGED
+
+    def may_pull(self, sign: int) -> bool:
+        """Whether the junction behind this envelope capacitor can conduct."""
+        return self.kept[-sign] != PULLED and self.sign != sign
+
+    def let_go(self, sign: int) -> None:
+        """Hold an envelope capacitor that the voltage has moved."""
+        if self.kept[sign] == CHARGED:
+            self.kept[sign] = FULL if sign * float(self.voltage[0]) > self.diode_drop else EMPTY
+        elif self.kept[sign] == PULLED:
+            self.kept[sign] = USED if self.closed == sign else EMPTY
 
     def fire(self, guard):
         self.moved = {}
         if guard == OPENS:
-            if self.closed and self.core_resistance is None and self.stray is None:
+            if self.core_resistance is None and self.stray is None:
                 self.moved = {0: 0.0}  # else the coil rings on
-            self.position = 2 * self.closed
-        elif guard < FOLLOWS:
-            self.position = 1 if guard == CLOSES else -1
-            self.charged, self.moved = self.charged - {self.position}, {self.envelope(self.position): 0.0}
-        elif self.following:
-            self.following = 0
+            self.closed = 0
+            return
+        s = 1 if guard in (FALLS, RISES) else -1
+        kept, voltage = self.kept[s], s * float(self.voltage[0])
+        if kept in (CHARGED, PULLED):
+            self.let_go(s)
+        elif guard >= RISES:
+            # Exactly so: else it would be charged again as soon as the voltage has turned.
+            self.kept[s], self.moved = CHARGED, {self.envelope(s): voltage - self.diode_drop}
+        elif kept == FULL:
+            self.kept[s], self.closed, self.moved = USED, s, {self.envelope(s): 0.0}
+        elif kept == USED and self.closed != s:
+            self.kept[s] = EMPTY
         else:
-            self.following = 1 if guard == FOLLOWS else -1
-            self.charged |= {self.following}
-            # Exactly so: else it would follow again as soon as it has turned.
-            held = self.following * float(self.voltage[0]) - self.diode_drop
-            self.moved = {self.envelope(self.following): held}
+            self.kept[s] = PULLED
+            if not self.base_resistance:
+                self.moved = {self.envelope(s): voltage + self.threshold}
 
     def blocked(self, z):
         for n, value in self.moved.items():
@@ -150,7 +186,7 @@ class SelfPoweredSECE(Breaking):
 
     def fire(self, guard):
         if guard == FURTHER:
-            self.position, self.moved = 2 * self.closed, {0: 0.0}
+            self.closed, self.moved = 0, {0: 0.0}
         else:
             super().fire(guard)
 
@@ -171,7 +207,7 @@ class SelfPoweredSeriesSSHI(Breaking, Rectifier):
     def inner(self, z, v, free, elastance):
         across = v - self.closed * (self.drop + self.dc(z))
         self.path = self.loop_current(z, across)
-        return self.path, (self.loop_rates(z, across), self.dc_rates(z, self.closed * self.path))
+        return self.path + self.beside, (self.loop_rates(z, across), self.dc_rates(z, self.closed * self.path))
 
     def dc_current(self, z, v, i):
         return self.closed * self.path if self.load_resistance is None else self.conductance * self.dc(z)
@@ -185,8 +221,8 @@ class SelfPoweredSSHI(Breaking, Rectifier):
     def inner(self, z, v, free, elastance):
         across = v - self.closed * self.drop
         self.path = self.loop_current(z, across)
-        i, dc = self.bridge_flow(z, v, free, elastance, beside=self.path)
-        self.through = i - self.path - self.diode_leakage * v
+        i, dc = self.bridge_flow(z, v, free, elastance, beside=self.path + self.beside)
+        self.through = i - self.path - self.beside - self.diode_leakage * v
         return i, (self.loop_rates(z, across), dc)
 
     @property
@@ -194,8 +230,11 @@ class SelfPoweredSSHI(Breaking, Rectifier):
         """Whether the voltage stays where it is while the bridge conducts."""
         return self.dc_voltage is not None and not self.path_resistance
 
-    def may_follow(self, sign):
-        return super().may_follow(sign) and not (self.sign and self.holds)
+    def may_charge(self, sign):
+        return super().may_charge(sign) and not (self.sign and self.holds)
+
+    def may_pull(self, sign):
+        return super().may_pull(sign) and not (self.sign and self.holds and not self.base_resistance)
 
     def guards(self, z, v, i):
         found = super().guards(z, v, i)
@@ -203,7 +242,7 @@ class SelfPoweredSSHI(Breaking, Rectifier):
             found[FURTHER] = -self.sign * self.impedance * self.through
             return found
         for n, s in enumerate((1, -1)):
-            if self.holds or self.following != -s:
+            if self.kept[s] != PULLED:
                 found[FURTHER + n] = s * v - self.limit(z)
         return found
 
@@ -213,7 +252,9 @@ class SelfPoweredSSHI(Breaking, Rectifier):
             return
         self.sign, self.moved = 0 if self.sign else 1 - 2 * (guard - FURTHER), {}
         if self.sign and self.holds:
-            self.following = 0
+            for s in (1, -1):
+                if self.moves_along(s):
+                    self.let_go(s)
 
     def dc_current(self, z, v, i):
         return self.sign * self.through if self.load_resistance is None else self.conductance * self.dc(z)

@@ -2,81 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from types import SimpleNamespace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.real_coil import WoundCoil
+from piezoharvest.description.shunts.self_powered.breaker_states import (
+    CHARGES,
+    EMPTY,
+    HELD,
+    RIDES,
+    SIDES,
+    SPENT,
+    Breakers,
+    breakers_of,
+)
 from piezoharvest.description.shunts.switching import SwitchedCoil
 
-NEITHER = "none"
 ASSUMED_SHARE = (
     1 / 20
 )  # of the clamped capacitance: a tenth costs a noticeable part, a fortieth hardly drives a transistor
 ASSUMED_THRESHOLD = 0.6  # V, between base and emitter
-
-
-class Breakers(NamedTuple):
-    """Configuration of both breakers and of a bridge beside them.
-
-    Attributes
-    ----------
-    position : "open", "high", "low", "spent_high" or "spent_low"
-        Which breaker has closed: the one that found a maximum, or a minimum; or whose current has ended.
-    charged : "none", "h", "l" or "hl"
-        Envelope capacitors with a charge.
-    envelope : "idle", "rise" or "fall"
-        Whether the voltage charges the one of maxima or that of minima.
-    bridge : "", "+" or "-"
-        Sign of the voltage at which a bridge beside them conducts.
-    """
-
-    position: str
-    charged: str
-    envelope: str
-    bridge: str
-
-    @property
-    def name(self) -> str:
-        """Name of the configuration."""
-        return f"{self.position} {self.charged} {self.envelope}{self.bridge}"
-
-    @property
-    def sign(self) -> int:
-        """Sign of the voltage at which the breaker that has closed conducts, 0 if none has."""
-        return {"high": 1, "low": -1}.get(self.position, 0)
-
-    @property
-    def charging(self) -> bool:
-        """Whether an envelope capacitor is being charged."""
-        return self.envelope != "idle"
-
-    @property
-    def exists(self) -> bool:
-        """Whether the breakers can be so: one that is closed keeps its capacitor empty, and signs agree."""
-        empty = "" if self.position == "open" else "h" if self.position.endswith("high") else "l"
-        wanted, against = {"idle": ("", " "), "rise": ("h", "-"), "fall": ("l", "+")}[self.envelope]
-        return not (empty and empty in self.charged) and wanted in self.charged and self.bridge != against
-
-    def charge(self, which: str) -> str:
-        """The charged capacitors with another one."""
-        return "".join(each for each in "hl" if each in self.charged or each == which)
-
-    def discharge(self, which: str) -> str:
-        """The charged capacitors without one of them."""
-        return self.charged.replace(which, "") or NEITHER
-
-
-def breakers_of(configuration: str) -> Breakers:
-    """State of the breakers from the name of a configuration."""
-    position, charged, last = configuration.split(" ")
-    envelope = last.rstrip("+-")
-    return Breakers(position, charged, envelope, last[len(envelope) :])
+# A junction behind a resistance conducts again at so much more than its threshold, as a share of the negative voltage
+# that its capacitor has: while the voltage rests, it would else block and conduct by rounding alone, without end.
+AGAIN = 1e-6
 
 
 def _positive(voltage: Any) -> Any:
@@ -92,12 +47,18 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     has fallen below that of the capacitor by `threshold`, the base-emitter voltage of a transistor. The lag of the
     switch follows from this: at a constant amplitude the voltage falls as V_oc (1 - cos phi), so cos phi = 1 -
     (threshold + diode_drop)/V_oc. Closing uses up the charge of the capacitor. A diode lets current through the breaker
-    in one direction only; the breaker opens when the current ends. Its capacitor stays empty until the voltage has
-    fallen below the drop of the diode in front of it. Below the open-circuit voltage `least_voltage`, a breaker closes
-    without any current: the circuit does not start.
+    in one direction only; the breaker opens when the current ends. Its capacitor is not charged again until the voltage
+    has fallen below the drop of the diode in front of it. Below the open-circuit voltage `least_voltage`, a breaker
+    closes without any current: the circuit does not start.
 
-    While the voltage rises above the diode drop, it charges an envelope capacitor in parallel with C. `consumption` is
-    further power of the control, subtracted from what is harvested.
+    Where the voltage falls below zero by `threshold`, the junction between base and emitter conducts, and pulls the
+    empty capacitor below zero with it. There it stays when the voltage turns, until that has risen by threshold and
+    drop of the diode, which then charges the capacitor from this negative voltage on. So while the voltage rises, the
+    capacitor of its maxima, which is charged, and that of its minima, which is pulled, are both in parallel with C. A
+    breaker closes only if its capacitor has a positive voltage. `base_resistance` is in line with the junction, and
+    keeps the capacitor out of the swing if it is large: it is pulled after that.
+
+    `consumption` is further power of the control, subtracted from what is harvested.
     """
 
     mirrors: ClassVar[bool] = False  # half waves exchange the states of both envelope capacitors
@@ -110,6 +71,10 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     breaker_drop: float | None = quantity(
         "V", "forward voltage of the diode and transistor of a breaker; default: that of one diode", default=None,
         at_least=0,
+    )  # fmt: skip
+    base_resistance: float = quantity(
+        "ohm", "resistance in line with the base of the transistor that finds the extremum", default=0.0, at_least=0,
+        other_law_at_zero=True,
     )  # fmt: skip
     consumption: float = quantity("W", "further power that the control consumes", default=0.0, at_least=0)
 
@@ -149,38 +114,39 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         return (*self.real_coil(capacitance).states(), *held)
 
     def configurations(self) -> tuple[str, ...]:
-        every = (
-            Breakers(position, charged, envelope, bridge)
-            for position in ("open", "high", "low", "spent_high", "spent_low")
-            for charged in (NEITHER, "h", "l", "hl")
-            for envelope in ("idle", "rise", "fall")
-            for bridge in self.bridge_marks
-        )
-        return tuple(breakers.name for breakers in every if breakers.exists)
+        states = (EMPTY, HELD, CHARGES, RIDES, SPENT)
+        every = product(("open", "high", "low"), states, states, self.bridge_marks)
+        return tuple(breakers.name for each in every if self.possible(breakers := Breakers(*each)))
+
+    def possible(self, breakers: Breakers) -> bool:
+        """Whether this circuit can be so."""
+        return breakers.exists
 
     def possible_states(self, voltage: Any) -> Mapping[str, tuple[Any, Any]]:
-        # Above the upper limit its breaker would have closed and used up the charge.
-        found = {
-            f"envelope_{which}": (
-                _positive(sign * voltage - self.diode_drop),
-                _positive(sign * voltage + self.threshold),
-            )
-            for which, sign in (("high", 1), ("low", -1))
-        }
+        # Below the lower limit its diode would have charged it. Above the upper one its breaker would have closed and
+        # used up the charge, or the junction would have pulled it; a resistance of the base leaves that until later.
+        found: dict[str, tuple[Any, Any]] = {}
+        for which, sign in SIDES:
+            most = sign * voltage + self.threshold
+            if np.any(np.real(self.base_resistance) > 0):
+                most = _positive(most)
+            found[f"envelope_{which}"] = (sign * voltage - self.diode_drop, most)
         return {**super().possible_states(voltage), **found}
 
     def guessed_states(self, voltage: float, rate: float) -> Mapping[str, float]:
         """Envelopes that follow the voltage, or halfway between what it is and what would close a breaker."""
         found = dict(super().guessed_states(voltage, rate))
-        for which, sign in (("high", 1), ("low", -1)):
+        for which, sign in SIDES:
             low, high = self.possible_states(voltage)[f"envelope_{which}"]
-            falls = sign * voltage > 0.0 > sign * rate
-            found[f"envelope_{which}"] = float(0.5 * (low + high) if falls else low)
+            if sign * rate >= 0.0:
+                found[f"envelope_{which}"] = float(low)
+            else:
+                found[f"envelope_{which}"] = float(0.5 * (low + high) if sign * voltage > 0.0 else min(high, 0.0))
         return found
 
     def begun(self, voltage: float, states: Mapping[str, float]) -> str:
-        charged = "".join(which[0] for which in ("high", "low") if states[f"envelope_{which}"] > 0.0)
-        return Breakers("open", charged or NEITHER, "idle", "").name
+        high, low = (HELD if states[f"envelope_{which}"] > 0.0 else EMPTY for which, _ in SIDES)
+        return Breakers("open", high, low, "").name
 
     def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage that drives the current of the breaker of this sign."""
@@ -197,69 +163,103 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
 
     def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current of the coil and of the envelope capacitors, out of the electrodes."""
-        charging = self.envelope_capacitance if breakers.charging else 0.0
-        return self.path_current(breakers, port, z) + charging * port.dv
+        current = self.path_current(breakers, port, z)
+        for _ in breakers.where(CHARGES):
+            current = current + self.envelope_capacitance * port.dv
+        for which, sign in breakers.where(RIDES):
+            current = current - sign * self._of_junction(which, sign, port, z)
+        return current
+
+    def _of_junction(self, which: str, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Current out of an envelope capacitor through its junction, which conducts.
+
+        Without a resistance it is what keeps the capacitor at the voltage of the electrodes and the threshold.
+        """
+        resistance, keeps = self.base_resistance, -sign * self.envelope_capacitance * port.dv
+        resistive = np.real(resistance) > 0
+        if not np.any(resistive):
+            return keeps
+        return np.where(resistive, self._fallen(which, sign, port, z) / np.where(resistive, resistance, 1.0), keeps)
+
+    def _fallen(self, which: str, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """By how much the voltage is further below an envelope than the threshold."""
+        return getattr(z, f"envelope_{which}") - sign * port.v - self.threshold * port.one
 
     def breaker_equations(self, breakers: Breakers, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Equations of the states of the breakers."""
-        sign = breakers.sign
-        drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
-        high = dz.envelope_high - (port.dv if breakers.envelope == "rise" else 0.0)
-        low = dz.envelope_low + (port.dv if breakers.envelope == "fall" else 0.0)
-        return [*coil.equations(sign != 0, drive, port, z, dz, self.line(sign)), high, low]
+        drive, coil = self._drive(breakers.sign, port, z), self.real_coil(port.capacitance)
+        found = [*coil.equations(breakers.sign != 0, drive, port, z, dz, self.line(breakers.sign))]
+        for which, sign in SIDES:
+            rate = getattr(dz, f"envelope_{which}")
+            if breakers.of(which) == CHARGES:
+                rate = rate - sign * port.dv
+            elif breakers.of(which) == RIDES:
+                rate = rate + self._of_junction(which, sign, port, z) / self.envelope_capacitance
+            found.append(rate)
+        return found
 
     def breaker_losses(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Product]:
-        """Power in the coil's resistance and core and in the diodes of breakers and envelopes."""
+        """Power in the coil's resistance and core, and in diodes and junctions of breakers and envelopes."""
         sign = breakers.sign
         drive, coil = self._drive(sign, port, z), self.real_coil(port.capacitance)
         losses = coil.losses(sign != 0, drive, port, z, self.line(sign))
         if sign and np.any(self.drop_of_path):
             current = self.path_current(breakers, port, z)
             losses.append(Product(sign * self.drop_of_path, port.one, current))
-        if breakers.charging and np.any(self.diode_drop):
-            direction = 1.0 if breakers.envelope == "rise" else -1.0
-            losses.append(Product(direction * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
-        return losses
+        for _, side in breakers.where(CHARGES):
+            losses.append(Product(side * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
+        for which, side in breakers.where(RIDES):
+            current = self._of_junction(which, side, port, z)
+            losses.append(Product(self.threshold, port.one, current))
+            losses.append(Product(self.base_resistance, current, current))
+        return [loss for loss in losses if np.any(loss.coefficient)]
 
     def control(self, port: Port) -> list[Product]:
         return [Product(self.consumption, port.one, port.one)] if np.any(self.consumption) else []
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         breakers = breakers_of(configuration)
-        return [*self._switching(breakers, port, z), *self.following(breakers, port, z)]
-
-    def _switching(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
-        """A breaker closes where the voltage has left the envelope, and opens where its current ends."""
+        found: list[Guard] = []
         if breakers.sign:
-            after = breakers._replace(position=f"spent_{breakers.position}")
             current = self.path_current(breakers, port, z)
             ended = self.real_coil(port.capacitance).ended
-            return [Guard(-breakers.sign * current, after.name, ended, event="switch opens")]
-        if breakers.position != "open":
-            sign = 1 if breakers.position == "spent_high" else -1
-            fallen = self.diode_drop * port.one - sign * port.v
-            return [Guard(fallen, breakers._replace(position="open").name, event="")]
-        found: list[Guard] = []
-        for which, position, follows, sign in (("h", "high", "rise", 1), ("l", "low", "fall", -1)):
-            if which in breakers.charged and breakers.envelope != follows:
-                fallen = getattr(z, f"envelope_{position}") - sign * port.v - self.threshold * port.one
-                after = breakers._replace(position=position, charged=breakers.discharge(which))
-                found.append(Guard(fallen, after.name, f"envelope_{position}", event="switch closes"))
+            after = breakers._replace(position="open")
+            found.append(Guard(-breakers.sign * current, after.name, ended, event="switch opens"))
+        for which, sign in SIDES:
+            found += self._of_envelope(breakers, which, sign, port, z)
         return found
+
+    def _of_envelope(
+        self, breakers: Breakers, which: str, sign: int, port: Port, z: SimpleNamespace
+    ) -> Iterator[Guard]:
+        """What becomes of one envelope capacitor."""
+        state = breakers.of(which)
+        if state in (CHARGES, RIDES):
+            yield self._turning(breakers, which, sign, port, z)
+        if state == SPENT and breakers.position != which:
+            yield Guard(self.diode_drop * port.one - sign * port.v, breakers.put(which, EMPTY).name, event="")
+        if state == HELD and breakers.ready:
+            after = breakers.put(which, SPENT)._replace(position=which)
+            yield Guard(self._fallen(which, sign, port, z), after.name, f"envelope_{which}", event="switch closes")
+            # One that holds a positive voltage has closed its breaker by then.
+            below = -sign * port.v - self.threshold * port.one
+            yield Guard(below, breakers.put(which, EMPTY).name, event="")
+        after = breakers.put(which, RIDES)
+        if (state == EMPTY or (state == SPENT and breakers.position == which)) and self.possible(after):
+            again = np.where(np.real(self.base_resistance) > 0, AGAIN, 0.0) * getattr(z, f"envelope_{which}")
+            yield Guard(self._fallen(which, sign, port, z) + again, after.name, conducts=True)
+        after = breakers.put(which, CHARGES)
+        if state in (EMPTY, HELD) and self.possible(after):
+            excess = sign * port.v - getattr(z, f"envelope_{which}") - self.diode_drop * port.one
+            yield Guard(excess, after.name, conducts=True)
+
+    def _turning(self, breakers: Breakers, which: str, sign: int, port: Port, z: SimpleNamespace) -> Guard:
+        """An envelope capacitor ceases to follow the voltage where that turns, or where its junction's current ends."""
+        after = breakers.rest_from(which).name
+        if breakers.of(which) == CHARGES:
+            return Guard(-sign * port.dv, after, conducts=False)
+        return Guard(-self._of_junction(which, sign, port, z), after, conducts=False)
 
     def _drive(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage across the coil with what resists in line."""
         return sign * self.path_excess(sign, port, z)
-
-    def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
-        """Envelope capacitors begin to follow the voltage, and cease to where it turns."""
-        if breakers.charging:
-            turns = -port.dv if breakers.envelope == "rise" else port.dv
-            return [Guard(turns, breakers._replace(envelope="idle").name, conducts=False)]
-        found: list[Guard] = []
-        for which, position, follows, sign in (("h", "high", "rise", 1), ("l", "low", "fall", -1)):
-            after = breakers._replace(envelope=follows, charged=breakers.charge(which))
-            if after.exists:
-                excess = sign * port.v - getattr(z, f"envelope_{position}") - self.diode_drop * port.one
-                found.append(Guard(excess, after.name, conducts=True))
-        return found

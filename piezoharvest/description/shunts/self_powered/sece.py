@@ -9,7 +9,8 @@ from typing import ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.breaker_states import breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class SelfPoweredSECE(ElectronicBreaker):
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         breakers, guards = breakers_of(configuration), list(super().guards(configuration, port, z))
         if breakers.sign:
-            after = breakers._replace(position=f"spent_{breakers.position}").name
+            after = breakers._replace(position="open").name
             inductor = self.real_coil(port.capacitance).names[0]
             guards.append(Guard(-breakers.sign * port.v, after, inductor, event="switch opens"))
         return guards

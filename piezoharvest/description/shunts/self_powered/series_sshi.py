@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.self_powered.breaker import Breakers, ElectronicBreaker, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.breaker_states import Breakers, breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)

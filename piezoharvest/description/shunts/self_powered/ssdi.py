@@ -8,7 +8,8 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.breaker_states import breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,8 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.self_powered.breaker import Breakers, ElectronicBreaker, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.breaker_states import CHARGES, RIDES, Breakers, breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,11 +26,16 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
     source: ClassVar[str] = "Liang & Liao, IEEE Trans. Ind. Electron. 59(4), 1950-1960, 2012"
     bridge_marks: ClassVar[tuple[str, ...]] = ("", "+", "-")
 
-    def configurations(self) -> tuple[str, ...]:
-        every = super().configurations()
-        if not self._rests:
-            return every
-        return tuple(name for name in every if not (breakers_of(name).bridge and breakers_of(name).charging))
+    def possible(self, breakers: Breakers) -> bool:
+        return super().possible(breakers) and not (breakers.bridge and self._resting(breakers))
+
+    def _resting(self, breakers: Breakers) -> list[str]:
+        """Breakers whose envelope capacitors follow a voltage that stays where it is while the bridge conducts."""
+        found = [which for which, _ in (*breakers.where(CHARGES), *breakers.where(RIDES))]
+        if not found or not self._rests:
+            return []
+        pulled = np.any(np.real(self.base_resistance) > 0)
+        return [which for which in found if not (pulled and breakers.of(which) == RIDES)]
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (*self.breaker_states(capacitance), *self.bridge_states())
@@ -55,22 +61,19 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
         if breakers.bridge:
             rectified = self._bridge(breakers, port, z)[1]
             return [*guards, Guard(-rectified, breakers._replace(bridge="").name, conducts=False)]
-        envelope = "idle" if self._rests else breakers.envelope
-        conducting = (breakers._replace(bridge=mark, envelope=envelope) for mark in "+-")
-        signs = {
-            after.name: 1 if after.bridge == "+" else -1
-            for after in conducting
-            if after.exists and after._replace(envelope=breakers.envelope).exists
-        }
-        return [*guards, *(Guard(self.excess(sign, port, z), name) for name, sign in signs.items())]
+        resting = self._resting(breakers)
+        for mark, sign in (("+", 1), ("-", -1)):
+            after = breakers._replace(bridge=mark)
+            if after.exists:
+                for which in resting:
+                    after = after.rest_from(which)
+                guards.append(Guard(self.excess(sign, port, z), after.name))
+        return guards
 
     @property
     def _rests(self) -> bool:
         """Whether the voltage stays while the bridge conducts: nothing is left for envelope capacitors to follow."""
         return self.dc_voltage is not None and not np.any(self.resistance(1))
-
-    def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
-        return [] if breakers.bridge and self._rests else super().following(breakers, port, z)
 
     def _bridge(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""
