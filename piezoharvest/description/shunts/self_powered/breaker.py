@@ -14,10 +14,10 @@ from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.real_coil import WoundCoil
 from piezoharvest.description.shunts.self_powered.breaker_states import (
-    CHARGES,
+    CHARGED,
     EMPTY,
     HELD,
-    RIDES,
+    PULLED,
     SIDES,
     SPENT,
     Breakers,
@@ -114,7 +114,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         return (*self.real_coil(capacitance).states(), *held)
 
     def configurations(self) -> tuple[str, ...]:
-        states = (EMPTY, HELD, CHARGES, RIDES, SPENT)
+        states = (EMPTY, HELD, CHARGED, PULLED, SPENT)
         every = product(("open", "high", "low"), states, states, self.bridge_marks)
         return tuple(breakers.name for each in every if self.possible(breakers := Breakers(*each)))
 
@@ -164,9 +164,9 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
         """Current of the coil and of the envelope capacitors, out of the electrodes."""
         current = self.path_current(breakers, port, z)
-        for _ in breakers.where(CHARGES):
+        for _ in breakers.where(CHARGED):
             current = current + self.envelope_capacitance * port.dv
-        for which, sign in breakers.where(RIDES):
+        for which, sign in breakers.where(PULLED):
             current = current - sign * self._of_junction(which, sign, port, z)
         return current
 
@@ -191,9 +191,9 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         found = [*coil.equations(breakers.sign != 0, drive, port, z, dz, self.line(breakers.sign))]
         for which, sign in SIDES:
             rate = getattr(dz, f"envelope_{which}")
-            if breakers.of(which) == CHARGES:
+            if breakers.of(which) == CHARGED:
                 rate = rate - sign * port.dv
-            elif breakers.of(which) == RIDES:
+            elif breakers.of(which) == PULLED:
                 rate = rate + self._of_junction(which, sign, port, z) / self.envelope_capacitance
             found.append(rate)
         return found
@@ -206,9 +206,9 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
         if sign and np.any(self.drop_of_path):
             current = self.path_current(breakers, port, z)
             losses.append(Product(sign * self.drop_of_path, port.one, current))
-        for _, side in breakers.where(CHARGES):
+        for _, side in breakers.where(CHARGED):
             losses.append(Product(side * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
-        for which, side in breakers.where(RIDES):
+        for which, side in breakers.where(PULLED):
             current = self._of_junction(which, side, port, z)
             losses.append(Product(self.threshold, port.one, current))
             losses.append(Product(self.base_resistance, current, current))
@@ -234,7 +234,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     ) -> Iterator[Guard]:
         """What becomes of one envelope capacitor."""
         state = breakers.of(which)
-        if state in (CHARGES, RIDES):
+        if state in (CHARGED, PULLED):
             yield self._turning(breakers, which, sign, port, z)
         if state == SPENT and breakers.position != which:
             yield Guard(self.diode_drop * port.one - sign * port.v, breakers.put(which, EMPTY).name, event="")
@@ -244,11 +244,11 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
             # One that holds a positive voltage has closed its breaker by then.
             below = -sign * port.v - self.threshold * port.one
             yield Guard(below, breakers.put(which, EMPTY).name, event="")
-        after = breakers.put(which, RIDES)
+        after = breakers.put(which, PULLED)
         if (state == EMPTY or (state == SPENT and breakers.position == which)) and self.possible(after):
             again = np.where(np.real(self.base_resistance) > 0, AGAIN, 0.0) * getattr(z, f"envelope_{which}")
             yield Guard(self._fallen(which, sign, port, z) + again, after.name, conducts=True)
-        after = breakers.put(which, CHARGES)
+        after = breakers.put(which, CHARGED)
         if state in (EMPTY, HELD) and self.possible(after):
             excess = sign * port.v - getattr(z, f"envelope_{which}") - self.diode_drop * port.one
             yield Guard(excess, after.name, conducts=True)
@@ -256,7 +256,7 @@ class ElectronicBreaker(SwitchedCoil, WoundCoil):
     def _turning(self, breakers: Breakers, which: str, sign: int, port: Port, z: SimpleNamespace) -> Guard:
         """An envelope capacitor ceases to follow the voltage where that turns, or where its junction's current ends."""
         after = breakers.rest_from(which).name
-        if breakers.of(which) == CHARGES:
+        if breakers.of(which) == CHARGED:
             return Guard(-sign * port.dv, after, conducts=False)
         return Guard(-self._of_junction(which, sign, port, z), after, conducts=False)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 SIDES = (("high", 1), ("low", -1))  # breakers, and the sign of the voltage that each has to do with
 # Of an envelope capacitor: it holds a positive voltage, is charged by the voltage, holds none or a negative one, is
 # pulled down with the voltage by the junction of its breaker, or that has just used its charge.
-HELD, CHARGES, EMPTY, RIDES, SPENT = "held", "charges", "empty", "rides", "spent"
+HELD, CHARGED, EMPTY, PULLED, SPENT = "held", "charged", "empty", "pulled", "spent"
 
 
 class Breakers(NamedTuple):
@@ -18,7 +18,7 @@ class Breakers(NamedTuple):
     ----------
     position : "open", "high" or "low"
         Which breaker is closed: the one that found a maximum, or a minimum.
-    high, low : "empty", "held", "charges", "rides" or "spent"
+    high, low : "empty", "held", "charged", "pulled" or "spent"
         What the envelope capacitors of maxima and of minima do.
     bridge : "", "+" or "-"
         Sign of the voltage at which a bridge beside them conducts.
@@ -46,13 +46,13 @@ class Breakers(NamedTuple):
         One that is closed keeps its capacitor from being charged. The voltage cannot rise and fall at the same time,
         and pulls a capacitor below zero on one side of zero only.
         """
-        if self.position != "open" and self.of(self.position) not in (SPENT, RIDES):
+        if self.position != "open" and self.of(self.position) not in (SPENT, PULLED):
             return False
-        if self.high == self.low and self.high in (CHARGES, RIDES, SPENT):
+        if self.high == self.low and self.high in (CHARGED, PULLED, SPENT):
             return False
         if (self.position == "high" and self.low == SPENT) or (self.position == "low" and self.high == SPENT):
             return False
-        return not (self.high == RIDES and self.bridge == "+") and not (self.low == RIDES and self.bridge == "-")
+        return not (self.high == PULLED and self.bridge == "+") and not (self.low == PULLED and self.bridge == "-")
 
     @property
     def ready(self) -> bool:
@@ -73,7 +73,7 @@ class Breakers(NamedTuple):
 
     def rest_from(self, which: str) -> Breakers:
         """The same where the voltage that an envelope capacitor follows rests, or turns."""
-        if self.of(which) == CHARGES:
+        if self.of(which) == CHARGED:
             return self.put(which, HELD)
         return self.put(which, SPENT if self.position == which else EMPTY)
 

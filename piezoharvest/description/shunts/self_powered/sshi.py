@@ -12,7 +12,7 @@ import numpy as np
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
-from piezoharvest.description.shunts.self_powered.breaker_states import CHARGES, RIDES, Breakers, breakers_of
+from piezoharvest.description.shunts.self_powered.breaker_states import CHARGED, PULLED, Breakers, breakers_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +31,11 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
 
     def _resting(self, breakers: Breakers) -> list[str]:
         """Breakers whose envelope capacitors follow a voltage that stays where it is while the bridge conducts."""
-        found = [which for which, _ in (*breakers.where(CHARGES), *breakers.where(RIDES))]
+        found = [which for which, _ in (*breakers.where(CHARGED), *breakers.where(PULLED))]
         if not found or not self._rests:
             return []
         pulled = np.any(np.real(self.base_resistance) > 0)
-        return [which for which in found if not (pulled and breakers.of(which) == RIDES)]
+        return [which for which in found if not (pulled and breakers.of(which) == PULLED)]
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (*self.breaker_states(capacitance), *self.bridge_states())
