@@ -91,8 +91,8 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
     Parameters that have gone far from their nominal values may do so, too: they start at these, and where that leads
     nowhere, as the nominal values may be wrong, where they went; behind diodes and switches first where more is
     explained. Where the misfit is large, what changes within the campaign and then records with smaller drives are
-    looked at before all of them, and at last one effect alone is kept that explains most of it. What unseen records have
-    denied is not sought again from another start.
+    looked at before all of them, and at last one effect alone is kept that explains most of it. What unseen records
+    have denied is not sought again from another start.
 
     Parameters
     ----------
