@@ -23,7 +23,7 @@ from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.residual_structure.residual_tests import whitened_squares
 from piezoharvest.diagnose.result import Diagnosis, Named
 from piezoharvest.diagnose.selection.candidate_fits import CandidateFits
-from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.effect_change import EffectChange, names_apart
 from piezoharvest.diagnose.selection.growing_selection import select
 from piezoharvest.diagnose.selection.stepwise_selection import Search
 from piezoharvest.diagnose.validation import (
@@ -181,7 +181,8 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
     if any(map(is_implausible, deviating)) or any(map(is_elsewhere, estimates)):
         return None
-    alternatives = tuple(step.effects for step, _ in more.search.alternatives)
+    laws = final.model.transducer.effects
+    alternatives = tuple(names_apart(each.found.model.transducer.effects, laws) for each, _ in more.search.alternatives)
     gains = {each.effect.name: each.gain for each in found.effects}
     beside = (named_effect(trials.problem, more.search, n, more.squares) for n in range(len(more.kept)))
     named = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from piezoharvest.description.effects import Effect, registered
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose.result import Diagnosis, Named
 from piezoharvest.diagnose.selection.score_tests import ScoredEffect, cosine
 from piezoharvest.records.reading.channels import UNITS
@@ -194,14 +195,20 @@ def judged_error(diagnosis: Diagnosis) -> str:
 def _verdict_of_laws(diagnosis: Diagnosis) -> str:
     laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
     gain = sum(law.gain for law in diagnosis.discovery)
-    removed = (
-        f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {100 * gain:z.0f} % of {judged_error(diagnosis)}"
-    )
+    removed = f"{'removes' if len(diagnosis.discovery) == 1 else 'remove'} {_share(gain)} of {judged_error(diagnosis)}"
     told = f"No known effect explains what was missing, but {laws}, {removed} above the noise."
     if diagnosis.verdict == "new_effect":
         return told
-    others = " or ".join(_at(" and ".join(names)) for names in diagnosis.alternatives)
-    return f"{told} These records cannot distinguish it from a law at {others}."
+    last = (step.found.model.transducer.effects[-1] for step, _ in diagnosis.search.alternatives)
+    others = " or ".join(map(_law_or_effect, last))
+    return f"{told} These records cannot distinguish it from {others}."
+
+
+def _law_or_effect(effect: Effect) -> str:
+    """A law by its place and input, or an effect by its name."""
+    if not isinstance(effect, Law):
+        return _words(effect.name)
+    return f"a law at {_at(effect.place.name)}, of the {effect.place.input.replace('_', ' ')}"
 
 
 def _at(place: str) -> str:

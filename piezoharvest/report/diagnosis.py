@@ -11,6 +11,7 @@ from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
 from piezoharvest.diagnose.residual_structure.residual_tests import ResidualTest, run_tests
 from piezoharvest.diagnose.residuals import Residuals, residuals, responses
+from piezoharvest.diagnose.selection.effect_change import names_apart
 from piezoharvest.diagnose.summary import NOT_HERE, Scored, cosines, judged_error, scored, sentence, values
 from piezoharvest.output import write_text
 from piezoharvest.progress import Stage, follower
@@ -240,7 +241,8 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:
     for step, more in found.search.alternatives:
-        yield " + ".join(step.effects).replace("_", " "), number(more, 2)
+        names = names_apart(step.found.model.transducer.effects, found.search.final.model.transducer.effects)
+        yield " + ".join(names).replace("_", " "), number(more, 2)
 
 
 def _test_row(place: ResidualTest) -> dict[str, str]:

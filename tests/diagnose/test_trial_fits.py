@@ -7,8 +7,11 @@ import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
 from piezoharvest.description.effects import Clipping, Leakage, Stiffening
+from piezoharvest.description.effects.nameless.forms import Corners
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.places import OverTime
 from piezoharvest.diagnose.selection.candidate_fits import FIT_TOLERANCE, CandidateFits
-from piezoharvest.diagnose.selection.effect_change import EffectChange
+from piezoharvest.diagnose.selection.effect_change import EffectChange, names_apart
 from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.diagnose.selection.significance import significance, variance_inflation
 from piezoharvest.identify.fitting.cost_function import CostFunction
@@ -128,3 +131,14 @@ def test_rounding_of_a_held_load_does_not_count_as_the_end_of_a_range(tmp_path):
     assert gain < 4.0
     _, gain = ended(records, found.transducer, 1.0, lambda x: np.minimum(x, REACHED), 0.0)
     assert gain > 1000.0
+
+
+def test_laws_of_the_same_name_are_told_apart_by_their_inputs():
+    """The planned experiment was to tell "parameter.damping table" from "parameter.damping table"."""
+    first, second = (
+        Law(place=OverTime("damping", of), form=Corners(knots=(1.0,), kinks=(0.1,)))
+        for of in ("amplitude", "displacement_amplitude")
+    )
+    leakage = Leakage(resistance=1e6)
+    assert names_apart((leakage, first), (leakage, second)) == ("leakage", "parameter.damping table of amplitude")
+    assert names_apart((first,), (leakage,)) == ("parameter.damping table",)

@@ -15,6 +15,7 @@ from piezoharvest.diagnose.experiments.candidates import Planned, first_look, va
 from piezoharvest.diagnose.experiments.expectation import Bench, Known
 from piezoharvest.diagnose.experiments.reach import reach_of
 from piezoharvest.diagnose.experiments.studies import study_tables
+from piezoharvest.diagnose.selection.effect_change import names_apart
 from piezoharvest.diagnose.selection.score_tests import ScoredEffect, effect_parameters, extended
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -142,7 +143,8 @@ class Planner:
         planned, worth = self._best(models, lambda p: bench.separation(p, models[0], models[1]), ENOUGH)
         if planned is None:
             return None
-        sets = tuple(tuple(e.name for e in known.model.transducer.effects) for known in models)
+        first, second = (known.model.transducer.effects for known in models)
+        sets = names_apart(first, second), names_apart(second, first)
         return PlannedRecord(planned, sets, worth, "", 0.0, 0.0, self._tables(planned))
 
     def for_parameter(self, parameter: Parameter) -> PlannedRecord | None:

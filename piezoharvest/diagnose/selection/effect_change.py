@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
@@ -45,6 +46,18 @@ class EffectChange:
         fitted = sum(parameter.path[0] == "effects" for parameter in model.parameters)
         scanned = sum(effect.scanned for effect in model.transducer.effects)
         return self.cost + 2.0 * (fitted + scanned + self.begun)
+
+
+def names_apart(effects: Sequence[Effect], others: Sequence[Effect]) -> tuple[str, ...]:
+    """Names of effects, of a law with its input where one of the others has its name.
+
+    A parameter may change with one size of the drive or with another.
+    """
+    names = {other.name for other in others if other not in effects}
+    return tuple(
+        f"{each.name} of {each.place.input}" if isinstance(each, Law) and each.name in names else each.name
+        for each in effects
+    )
 
 
 def cost_to_reach(others: Sequence[EffectChange]) -> float:
