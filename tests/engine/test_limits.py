@@ -175,7 +175,7 @@ def test_attenuation_that_is_missing_is_explained(monkeypatch):
 
 
 def test_response_says_that_it_was_given_up(monkeypatch):
-    monkeypatch.setattr(Budget.__init__, "__defaults__", (100_000,))
+    monkeypatch.setattr(Budget.__init__, "__defaults__", (100_000, None))
     response = solve(bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, {**DRIVE, "amplitude": 0.0313}))
     assert response.exhausted
     assert not response.converged
