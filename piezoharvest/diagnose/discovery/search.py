@@ -415,9 +415,13 @@ class _Fits:
         return self.problem.needs_engine and left < 1.0 - thresholds.MIN_DOMINANT_SHARE
 
     def _is_coarse(self, law: LawFit) -> bool:
-        """True of a table that leaves much though it explains most of the misfit."""
+        """True of a table that leaves much though it explains most of the misfit.
+
+        Where the engine is needed and formulas take long, as much as a law at the right place has to explain.
+        """
         explains = 1.0 - excess_of(law.found) / excess_of(self.start)
-        return isinstance(law.form, TABLES) and leaves_much(law) and explains >= MOST_EXPLAINED
+        enough = thresholds.MIN_LAW_GAIN if self.problem.needs_engine else MOST_EXPLAINED
+        return isinstance(law.form, TABLES) and leaves_much(law) and explains >= enough
 
     def _bent_where_the_law_bends(self, law: LawFit) -> LawFit:
         """The law, with the corners of a table that is too coarse moved while that makes it likelier.
