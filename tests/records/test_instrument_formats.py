@@ -361,6 +361,16 @@ class TestUniversalFiles:
             (tmp_path / "run.uff").write_bytes(whole[:kept])
             failure(tmp_path / "run.uff", "response")
 
+    @pytest.mark.parametrize("binary", [False, True])
+    def test_a_last_function_without_an_end(self, tmp_path, binary):
+        whole = universal(4, self.VALUES, step=10.0, labels=("mm", "N"), binary=binary)
+        (tmp_path / "run.uff").write_bytes(whole)
+        entry = 'file = "run.uff"\nkind = "frf"\noutput = "displacement"'
+        assert not [each for each in campaign(tmp_path, entry).warnings if each.check == "cut off"]
+        (tmp_path / "run.uff").write_bytes(whole + whole[:900])
+        found = [each.message for each in campaign(tmp_path, entry).warnings if each.check == "cut off"]
+        assert found == ["its last data set has no end (-1); likely the file is cut off"]
+
 
 def test_without_pyuff(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyuff", None)
