@@ -12,8 +12,8 @@ from messages import is_sentence
 from scipy.io import wavfile
 
 from piezoharvest.readers import ReadError, open_reader
+from piezoharvest.readers.base import named_time
 from piezoharvest.records import CampaignError, load_campaign
-from piezoharvest.records.reading.time_record import named_time
 from piezoharvest.records.recognition.files import look_into
 
 COUNT = 40
