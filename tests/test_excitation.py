@@ -14,8 +14,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import write_table
 
 
-def record(path, column="force", **keys):
-    return Record(file=str(path), column=column, sample_rate=100.0, **keys)
+def record(path, column="force", sample_rate=100.0, **keys):
+    return Record(file=str(path), column=column, sample_rate=sample_rate, **keys)
 
 
 def written(folder, text, encoding="utf-8"):
@@ -35,7 +35,8 @@ def failure(path, *arguments, **keys) -> ParameterError:
 def test_text_of_instruments(tmp_path, seed):
     layout = random_layout(seed)
     # The second column is in newtons wherever the file states a unit.
-    np.testing.assert_array_equal(record(written(tmp_path, layout.text(), layout.encoding), NAMES[1]).values, FORCE)
+    found = record(written(tmp_path, layout.text(), layout.encoding), NAMES[1], sample_rate=1000.0)
+    np.testing.assert_array_equal(found.values, FORCE)
 
 
 @pytest.mark.parametrize("ending", ["npz", "h5", "parquet", "csv"])
@@ -154,3 +155,31 @@ def test_base_acceleration_is_the_force_of_the_mass(tmp_path):
     base = simulate(system, record(path, "a", quantity="base_acceleration"))
     force = simulate(system, record(path, "a", gain=-0.01))
     np.testing.assert_allclose(base.waveforms.displacement, force.waveforms.displacement, rtol=1e-12)
+
+
+CLOCKS = {"even": 0.01 * np.arange(40), "rounded": np.round(0.01 * np.arange(40), 1), "falling": np.arange(40.0)[::-1]}
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_times_in_the_file_that_are_those_of_the_sample_rate(tmp_path, clock):
+    """Rounded ones may be; what falls is no time."""
+    rows = "".join(f"{time!r},{n}\n" for n, time in enumerate(CLOCKS[clock].tolist()))
+    assert record(written(tmp_path, "time_s,force\n" + rows)).samples == 40
+
+
+@pytest.mark.parametrize(
+    ("header", "step", "key", "said"),
+    [
+        ("time_s", 0.02, "sample_rate", "found 100 Hz, but the times in "),
+        ("time [ms]", 5.0, "sample_rate", "have 200 Hz: give the same one"),
+        ("time_s", None, "file", "0.11 s after 0.19 s, must be even"),
+    ],
+)
+def test_times_in_the_file_that_contradict_the_sample_rate(tmp_path, header, step, key, said):
+    times = np.arange(40) * (0.01 if step is None else step)
+    if step is None:
+        times[20:] += 0.1
+    rows = "".join(f"{time:.6g},{n}\n" for n, time in enumerate(times))
+    found = failure(written(tmp_path, f"{header},force\n{rows}"))
+    assert found.key == key
+    assert said in found.message

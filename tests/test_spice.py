@@ -453,6 +453,14 @@ class TestDialects:
         text = netlist(bench({**LINEAR, **SWITCHED}[kind], DRIVE), start="steady", periods=2, measured_periods=1)
         assert run_netlist(netlist_of(schematic(text))) == pytest.approx(run_netlist(text), rel=1e-9)
 
+    def test_a_subcircuit_is_one_directive(self):
+        """Its lines stay together in whatever order LTspice takes the directives."""
+        drawn = schematic(netlist(bench(SWITCHED["rectifier"], DRIVE, hysteresis=STOPS)))
+        (whole,) = (line for line in drawn.splitlines() if ".subckt" in line)
+        begin, end = whole.index(".subckt transducer"), whole.index(".ends transducer")
+        assert begin < whole.index("Cslip2 ") < end and whole.partition(" 2 ")[2].startswith("!.subckt")
+        assert whole.endswith(".ends transducer")
+
     def test_each_has_its_own_options(self):
         text = {d: netlist(bench(SWITCHED["rectifier"], DRIVE), dialect=d) for d in (None, "ngspice", "ltspice")}
         assert ["plotwinsize" in text[d].replace("plotwinsize=0 keeps", "") for d in text] == [True, False, True]

@@ -14,7 +14,17 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from piezoharvest import Rectifier, Resistor, SineForce, System, Transducer, diagnose, load_campaign, simulate
+from piezoharvest import (
+    Diagnosis,
+    Rectifier,
+    Resistor,
+    SineForce,
+    System,
+    Transducer,
+    diagnose,
+    load_campaign,
+    simulate,
+)
 from piezoharvest.readers import open_reader
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.simulators.ngspice import run_netlist
@@ -24,7 +34,7 @@ FREQUENCY, INDUCTANCE, HIDDEN, OPEN_VOLTAGE = 42.0, 31e3, 1e-9, 21.21  # Hz, H, 
 # the hidden conductance lowers the open-circuit voltage from 21.21 to 20.0 V.
 CAPACITANCE, COUPLING, RESISTANCE = 40e-9, 1e-3, 1.08e6  # F, N/V, ohm
 LOADS = (5e4, 1e5, 2e5, 4e5)  # ohm
-FREQUENCIES = (36.0, 42.0, 50.0)  # Hz
+FREQUENCIES, BETWEEN = (36.0, 42.0, 50.0), (39.0, 46.0)  # Hz, the latter to validate a campaign of all
 SETTLED, PERIODS, SAMPLES = 40, 6, 40  # periods from rest that are left out and that are kept, samples in each
 NOISE = 1e-4  # of the largest value, on every channel
 
@@ -82,16 +92,41 @@ def record(folder: Path, frequency: float, load: float, seed: int) -> dict:
 def campaign(folder: Path, frequency: float) -> Path:
     """Records of the simulation at a frequency and several loads, with the stated parts as nominal values."""
     folder.mkdir(parents=True, exist_ok=True)
-    transducer, _ = bench()
     roles = ("fit", "fit", "validate")
     records = [
         record(folder, frequency, load, n) | {"role": role}
         for n, (load, role) in enumerate(zip(LOADS[: len(roles)], roles, strict=True))
     ]
+    return written(folder, records)
+
+
+def sweep(folder: Path) -> Path:
+    """The same at two loads and all frequencies, of which some validate, in one campaign."""
+    records = []
+    for n, frequency in enumerate((*FREQUENCIES, *BETWEEN)):
+        own = folder / f"{frequency:g}Hz"
+        own.mkdir(parents=True, exist_ok=True)
+        for m, load in enumerate((LOADS[0], LOADS[2])):
+            found = record(own, frequency, load, 10 * n + m)
+            role = "validate" if frequency in BETWEEN else "fit"
+            records.append(found | {"file": f"{own.name}/{found['file']}", "role": role})
+    return written(folder, records)
+
+
+def written(folder: Path, records: list[dict]) -> Path:
+    """Campaign of records, with the stated parts as nominal values."""
+    transducer, _ = bench()
     values = {name: getattr(transducer, name) for name in ("mass", "damping", "stiffness", "coupling", "capacitance")}
     path = folder / "campaign.toml"
     path.write_text(tomli_w.dumps({"transducer": values, "records": records}))
     return path
+
+
+def across(found: Diagnosis) -> float:
+    """Conductance across the inductor, S, that a damping with a relative change of c f^2 stands for."""
+    damping = next(each.value for each in found.estimates if each.parameter.path == ("damping",))
+    factor = found.discovery[0].parameters["factor"][0]
+    return factor * damping / COUPLING**2 / (2 * math.pi * INDUCTANCE) ** 2
 
 
 def main(out: Path) -> None:
@@ -104,14 +139,18 @@ def main(out: Path) -> None:
         damping = next(estimate for estimate in found.estimates if estimate.parameter.path == ("damping",))
         more, error = damping.value / COUPLING**2 - RESISTANCE, damping.std / COUPLING**2
         excess.append(more)
-        across = 1e9 / (2 * math.pi * frequency * INDUCTANCE) ** 2
+        worth = 1e9 / (2 * math.pi * frequency * INDUCTANCE) ** 2
         print(
             f"{frequency:g} Hz: {found.verdict}, {more / 1e3:.2f}({error / 1e3:.2f}) kohm more than stated in line "
-            f"with the inductor: {across * more:.4f}({across * error:.4f}) nS across it"
+            f"with the inductor: {worth * more:.4f}({worth * error:.4f}) nS across it"
         )
     power = np.polyfit(np.log(FREQUENCIES), np.log(excess), 1)[0]
     places = "2: across the inductor, 0: in line, -2: across the spring"
     print(f"it grows with the frequency to the power {power:.3f} ({places})")
+    found = diagnose(load_campaign(sweep(out / "all")))
+    laws = "; ".join(f"{each.law.place.name}: {each.formula}" for each in found.discovery)
+    said = f", {1e9 * across(found):.4f} nS across the inductor" if laws else ""
+    print(f"all frequencies in one campaign: {found.verdict}, {laws}{said}")
 
 
 if __name__ == "__main__":

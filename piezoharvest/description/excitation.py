@@ -323,6 +323,8 @@ class Samples(Excitation):
         return Ramps(times, self.values[:-1], slopes)
 
 
+# Between the sample rate of a record and that of the times in its file, relative; their longest step, in samples.
+_RATE_TOLERANCE, _LONGEST_STEP = 1e-3, 1.5
 # SI unit of what may be recorded, and its name in messages.
 _KINDS_OF_UNITS = {"force": ("N", "force"), "base_acceleration": ("m/s^2", "acceleration")}
 
@@ -349,8 +351,8 @@ class Record(Samples):
     Raises
     ------
     ParameterError
-        The file or the column does not exist, the column's unit or that given is not one of the quantity, or the column
-        holds values that are not finite numbers.
+        The file or the column does not exist, the column's unit or that given is not one of the quantity, the column
+        holds values that are not finite numbers, or the file's own times have another sample rate, or a gap.
     """
 
     kind: ClassVar[str] = "record"
@@ -398,6 +400,7 @@ class Record(Samples):
 
     def _read(self) -> np.ndarray:
         from piezoharvest.readers import MissingColumnError, ReadError, open_reader
+        from piezoharvest.readers.base import named_time
 
         if not isinstance(self.column, str) and not (type(self.column) is int and self.column > 0):
             raise ParameterError(
@@ -408,8 +411,12 @@ class Record(Samples):
         lines = {"skip_rows": self.skip_rows, "header_row": self.header_row}
         try:
             with open_reader(Path(self.file), **{key: n for key, n in lines.items() if n is not None}) as reader:
-                name = reader.resolve(self.column)
-                values, unit = reader.read([name])[name], reader.unit(name)
+                name, clock = reader.resolve(self.column), named_time(reader)
+                read = reader.read([name] if clock in (None, name) else [name, clock])
+                values, unit, times = read.pop(name), reader.unit(name), reader.time_of(name)
+                if clock in read:
+                    of_clock = reader.unit(clock)
+                    times = read[clock] * (1.0 if of_clock is None else of_clock.factor)
                 rows = reader.numbering
         except ReadError as error:
             where = self.file if error.row is None else f"{self.file}, row {error.row}"
@@ -427,7 +434,24 @@ class Record(Samples):
             raise ParameterError(
                 "file", f"found {counted(len(values), 'sample')} in {self.file}, allowed are two or more"
             )
+        if times is not None and len(times) == len(values):
+            self._check_times(times)
         return values
+
+    def _check_times(self, times: np.ndarray) -> None:
+        """Raise `ParameterError` if times (s) of the file are not those of the sample rate; any that fall are none."""
+        steps = np.diff(times)
+        if not (np.all(steps >= 0) and 0 < times[-1] - times[0] < np.inf):
+            return
+        rate, own = np.real(self.sample_rate), len(steps) / (times[-1] - times[0])
+        # Where all times differ, a step of one and a half is none that was rounded.
+        gap = int(np.argmax(steps)) if steps.min() > 0 and steps.max() * rate > _LONGEST_STEP else None
+        if gap is not None and np.median(steps) * rate < _LONGEST_STEP:
+            found = f"found a gap in the times of {self.file}, {steps[gap]:.6g} s after {times[gap]:.6g} s"
+            raise ParameterError("file", f"{found}, must be even")
+        if np.any(np.abs(own / rate - 1) > max(_RATE_TOLERANCE, 1 / len(steps))):
+            found = f"found {self.sample_rate:.6g} Hz, but the times in {self.file} have {own:.6g} Hz"
+            raise ParameterError("sample_rate", f"{found}: give the same one")
 
 
 def registered() -> dict[str, type[Excitation]]:

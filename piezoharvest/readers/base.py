@@ -229,6 +229,21 @@ def _plain(name: str) -> str:
     return unicodedata.normalize("NFKC", name).strip()
 
 
+def named_time(reader: Reader) -> str | None:
+    """The one column that is named time, in whatever case, or has a unit of time, as "x-axis" in s; None if none is.
+
+    A column that is named so has a unit of time or none.
+    """
+    names = list(reader.names)
+    units = {name: reader.unit(name) for name in names if names.count(name) == 1}
+    named = [name for name in units if stated_unit(name)[0].strip().strip('"').lower() == "time"]
+    if not named:
+        timed = (name for name, unit in units.items() if unit is not None and unit.firm and unit.si == "s")
+        named = list(timed)
+    unit = units[named[0]] if len(named) == 1 else None
+    return named[0] if len(named) == 1 and (unit is None or unit.si == "s") else None
+
+
 def cut(text: str) -> str:
     """Text shortened for a message."""
     text = text.strip()

@@ -26,6 +26,8 @@ _FREEDOMS = ("X", "Y", "Z", "RX", "RY", "RZ")  # displacements and rotations of 
 _TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
 _ABSCISSAE = {_TIME: "time_s", _FREQUENCY: "frequency_Hz"}
 # SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
+_CUT_OFF = "its last data set has no end (-1)"
+_BINARY = re.compile(rb" *58b.{12}([ \d]{11}\d)([ \d]{11}\d)")  # lines before its values, and the bytes of these
 _MOST_COMPLEX = 0.1  # of a shape out of phase: a response, which has the shape twice, is then 1 % off
 _SI = {8: ("m", "length"), 9: ("N", "force"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
 
@@ -51,9 +53,10 @@ class Uff(Reader):
                     f"{counted(modes, 'mode')} (data sets 55), which a study takes as the modes_file of its transducer"
                 )
                 raise ReadError(f"found no function (data set 58) but {host}")
-            open_end = path.read_bytes().replace(b" ", b"").splitlines().count(b"-1") % 2
-            cut_off = ": its last data set has no end (-1), the file is cut off" if open_end else ""
+            cut_off = f": {_CUT_OFF}, the file is cut off" if _open_end(path) else ""
             raise ReadError(f"found no whole function (data set 58) in the universal file{cut_off}")
+        if _open_end(path):
+            self.cut_off = _CUT_OFF
         check_count(sum(len(each["data"]) for each in functions))
         kinds = [_kind(each) for each in functions]
         count = Counter(kinds)
@@ -139,13 +142,15 @@ class ModeShapes:
     Raises
     ------
     ReadError
-        There is no mode, or one is truly complex, not scaled, or at other nodes than the first.
+        There is no mode, the file is cut off, or a mode is truly complex, not scaled, or at other nodes than the first.
     """
 
     def __init__(self, path: Path):
         sets = _read(path, (55, 164))
         units: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {"force": 1.0, "length": 1.0})
         modes = [each for each in sets if each["type"] == 55]
+        if _open_end(path):
+            raise ReadError(f"{_CUT_OFF}, the file is cut off")
         if not modes:
             raise ReadError("found no mode (data set 55) in the universal file")
         self._nodes = np.asarray(modes[0]["node_nums"])
@@ -155,8 +160,12 @@ class ModeShapes:
         found = [_mode(each, n) for n, each in enumerate(modes, 1)]
         self.frequency = np.array([mode.frequency for mode in found])
         self.damping_ratio = np.array([mode.damping_ratio for mode in found])
-        # Shapes are lengths for a unit of the modal coordinate, and the modal mass is a mass times their square.
-        self._shapes = np.stack([mode.shape for mode in found]) / np.sqrt(units["length"] / units["force"])
+        # Displacements are lengths for a unit of the modal coordinate, rotations are angles; the modal mass is an
+        # energy for the square of its rate. A metre is so many `length` of the file's, a newton so many `force`.
+        length, force = units["length"], units["force"]
+        shapes = np.stack([mode.shape for mode in found])
+        turns = np.arange(shapes.shape[2]) >= _FREEDOMS.index("RX")
+        self._shapes = shapes * np.sqrt(np.where(turns, force * length, force / length))
 
     def largest(self) -> str:
         """Place as `at` takes it: where and in which direction the first mode moves most."""
@@ -202,6 +211,21 @@ def _read(path: Path, types: Sequence[int] = (58, 164)) -> list[dict[str, Any]]:
     except Exception as error:  # pyuff raises any exception on damaged files
         raise ReadError(f"not a complete universal file ({cut(str(error))})") from None
     return sets
+
+
+def _open_end(path: Path) -> bool:
+    """Whether the last data set of a file has no end: the second of its two lines with -1 in the first six columns."""
+    inside = False
+    with path.open("rb") as file:
+        for line in iter(file.readline, b""):
+            bound = line.lstrip()[:2] == b"-1" and len(line.rstrip()) <= 6
+            inside = inside != bound
+            binary = _BINARY.match(line)
+            if inside and binary:
+                for _ in range(int(binary[1])):
+                    file.readline()
+                file.seek(int(binary[2]), 1)
+    return inside
 
 
 def _common_abscissa(functions: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:

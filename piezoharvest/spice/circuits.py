@@ -119,7 +119,7 @@ def _parallel_rl(deck, shunt, point):
 
 
 def _coil(deck, shunt, point, end):
-    """Coil from the lead to `end`: inductance, core loss and winding capacitance side by side, behind the winding."""
+    """Coil from the lead to `end`: inductance beside its core, in line with the winding; capacitance across both."""
     begin = "p"
     if getattr(shunt, "winding", 0.0):
         deck.add("Rwinding p w", shunt.winding)
@@ -128,7 +128,7 @@ def _coil(deck, shunt, point, end):
     if getattr(shunt, "core_resistance", None) is not None:
         deck.add(f"Rcore {begin} {end}", shunt.core_resistance)
     if getattr(shunt, "self_resonance", None) is not None:
-        deck.add(f"Cwinding {begin} {end}", shunt.stray_capacitance, point.condition("winding"))
+        deck.add(f"Cwinding p {end}", shunt.stray_capacitance, point.condition("winding"))
 
 
 def _series_rlc(deck, shunt, point):

@@ -19,7 +19,8 @@ of; `diagnose` has its records and the stated parts. [The story](../../designs/s
 follows from it.
 
 Power of a rectifier over its loads: by this engine and by ngspice with the stated parts, by ngspice with the hidden
-one, and its share. Then what `diagnose` finds at each frequency. Made by `python -m reports.disagreement`, {day}.
+one, and its share. Then what `diagnose` finds at each frequency, and in one campaign of all of them. Made by
+`python -m reports.disagreement`, {day}.
 
 ```
 {lines}```

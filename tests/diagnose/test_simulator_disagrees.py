@@ -45,6 +45,18 @@ def test_it_is_found_in_the_records(story, tmp_path, frequency):
     assert abs(damping.value - damping.nominal - wanted) < 3 * damping.std + 1e-4 * damping.nominal
 
 
+@pytest.mark.slow
+@needs_ngspice
+def test_it_is_found_without_being_told(story, tmp_path):
+    """Records at several frequencies in one campaign: a damping that grows with the square of the frequency."""
+    found = diagnose(load_campaign(story.sweep(tmp_path)))
+    assert found.verdict == "new_effect"
+    (law,) = found.discovery
+    assert law.law.place.name == "parameter.damping"
+    assert law.formula.endswith("* f^2")
+    assert story.across(found) == pytest.approx(story.HIDDEN, rel=2e-3)
+
+
 def transducer_loss(story, frequency):
     """Resistance in line that a conductance across the inductor stands for, ohm."""
     reactance = 2 * math.pi * frequency * story.INDUCTANCE

@@ -12,8 +12,8 @@ from messages import is_sentence
 from scipy.io import wavfile
 
 from piezoharvest.readers import ReadError, open_reader
+from piezoharvest.readers.base import named_time
 from piezoharvest.records import CampaignError, load_campaign
-from piezoharvest.records.reading.time_record import named_time
 from piezoharvest.records.recognition.files import look_into
 
 COUNT = 40
@@ -360,6 +360,16 @@ class TestUniversalFiles:
         for kept in (40, 500, 1300, len(whole) - 80):
             (tmp_path / "run.uff").write_bytes(whole[:kept])
             failure(tmp_path / "run.uff", "response")
+
+    @pytest.mark.parametrize("binary", [False, True])
+    def test_a_last_function_without_an_end(self, tmp_path, binary):
+        whole = universal(4, self.VALUES, step=10.0, labels=("mm", "N"), binary=binary)
+        (tmp_path / "run.uff").write_bytes(whole)
+        entry = 'file = "run.uff"\nkind = "frf"\noutput = "displacement"'
+        assert not [each for each in campaign(tmp_path, entry).warnings if each.check == "cut off"]
+        (tmp_path / "run.uff").write_bytes(whole + whole[:900])
+        found = [each.message for each in campaign(tmp_path, entry).warnings if each.check == "cut off"]
+        assert found == ["its last data set has no end (-1); likely the file is cut off"]
 
 
 def test_without_pyuff(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from messages import is_sentence
 from oracles.ngspice import needs_ngspice, run_netlist
+from scipy.integrate import quad
 from studies import bench, objects, solve
 
 from piezoharvest import System, exponential_curve, exponential_diode, measured_diode, simulate
@@ -38,6 +39,26 @@ def test_the_line_meets_the_exponential_law_at_two_currents():
     sine = 1e-4 * np.sin(np.linspace(0, math.pi, 20001))
     power = np.mean(sine * (1.05 * THERMAL * np.log1p(sine / 1e-7) + 10.0 * sine))
     assert np.mean(sine * (found.diode_drop + found.diode_resistance * sine)) == pytest.approx(power, rel=1e-5)
+
+
+@pytest.mark.parametrize(("law", "peak"), [((2.117e-7, 1.016, 2.637), 1e-4), ((4.352e-9, 1.906, 0.6458), 6e-3)])
+def test_line_and_error_are_those_of_the_integrals(law, peak):
+    """Normal equations and mean square with integrals over the half sine by adaptive quadrature."""
+    (saturation, emission, resistance), found = law, exponential_diode(*law, peak)
+
+    def voltage(i):
+        return emission * THERMAL * np.log1p(i / saturation) + resistance * i
+
+    def mean(function):
+        return (
+            quad(lambda t: function(peak * np.sin(t)), 0, np.pi / 2, epsabs=0, epsrel=1e-12, limit=400)[0] * 2 / np.pi
+        )
+
+    moments = [mean(lambda i, n=n: i**n) for n in (1, 2, 3)]
+    sides = [mean(lambda i, n=n: i**n * voltage(i)) for n in (1, 2)]
+    drop, slope = np.linalg.solve([moments[:2], moments[1:]], sides)
+    assert (found.diode_drop, found.diode_resistance) == pytest.approx((drop, slope), rel=1e-8)
+    assert found.error == pytest.approx(np.sqrt(mean(lambda i: (voltage(i) - drop - slope * i) ** 2)), rel=1e-8)
 
 
 @needs_ngspice

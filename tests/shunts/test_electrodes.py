@@ -320,9 +320,10 @@ def test_a_host_by_its_shapes_in_a_universal_file(tmp_path, units):
     frequency, ratio, force, sensor, *coupling, base = table.T
     masses = np.array([0.5, 2.0, 1.5])  # of the modes as the file scales them
     shapes = np.zeros((3, 2, 6))
-    shapes[:, 0, 2], shapes[:, 1, 3] = force, -sensor  # node 11 in +Z, and the rotation of node 12 about -X
+    # Node 11 in +Z, and the rotation of node 12 about -X. With a modal coordinate in the file's length, a displacement
+    # for a unit of it is a number without unit, a rotation an angle for a length; its masses are N s^2 over a length.
+    shapes[:, 0, 2], shapes[:, 1, 3] = force, -sensor / units[0]
     shapes *= np.sqrt(masses)[:, None, None]
-    # A length of the file's is so many of it; its masses are in N s^2 over that length.
     text = universal(frequency, ratio, masses * units[1] / units[0], shapes, units)
     (tmp_path / "host.unv").write_text(text)
     lists = "\n".join(f"coupling_{k} = {list(map(float, row))}" for k, row in enumerate(coupling))
@@ -333,6 +334,14 @@ def test_a_host_by_its_shapes_in_a_universal_file(tmp_path, units):
         pair = [frequency_response(system, np.array([40.0, 51.0, 300.0]), base=by_base) for system in (found, wanted)]
         np.testing.assert_allclose(pair[0].displacement, pair[1].displacement, rtol=1e-4)
         np.testing.assert_allclose(pair[0].voltage, pair[1].voltage, rtol=1e-4)
+
+
+def test_a_universal_file_that_is_cut_off_has_not_just_fewer_modes(tmp_path):
+    pytest.importorskip("pyuff")
+    text = universal([50.0, 90.0], [0.01, 0.02], [1.0, 1.0], np.ones((2, 2, 6)))
+    (tmp_path / "host.unv").write_text(text[: len(text) - 40])
+    with pytest.raises(ReadError, match=r"its last data set has no end \(-1\), the file is cut off"):
+        ModeShapes(tmp_path / "host.unv")
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.4], ids=["in phase", "out of phase"])

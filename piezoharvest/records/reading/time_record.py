@@ -13,7 +13,7 @@ import numpy as np
 from piezoharvest.counting import counted
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.readers import MissingColumnError, Reader, ReadError
-from piezoharvest.readers.base import cut, last_part, shown
+from piezoharvest.readers.base import cut, last_part, named_time, shown
 from piezoharvest.readers.units import stated_unit
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
@@ -249,21 +249,6 @@ def _is_named(name: str, channel: str) -> bool:
     """True if a column is called as a channel is, with a unit or a number behind the name or without."""
     bare = re.sub(r"[\W_]*\d*$", "", stated_unit(name)[0]).lower()
     return re.sub(r"[\W_]+", "_", bare) == channel
-
-
-def named_time(reader: Reader) -> str | None:
-    """The one column that is named time, in whatever case, or has a unit of time, as "x-axis" in s; None if none is.
-
-    A column that is named so has a unit of time or none.
-    """
-    names = list(reader.names)
-    units = {name: reader.unit(name) for name in names if names.count(name) == 1}
-    named = [name for name in units if stated_unit(name)[0].strip().strip('"').lower() == "time"]
-    if not named:
-        timed = (name for name, unit in units.items() if unit is not None and unit.firm and unit.si == UNITS["time"])
-        named = list(timed)
-    unit = units[named[0]] if len(named) == 1 else None
-    return named[0] if len(named) == 1 and (unit is None or unit.si == UNITS["time"]) else None
 
 
 def read_record(

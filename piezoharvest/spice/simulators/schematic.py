@@ -2,7 +2,8 @@
 
 Places of pins are those of LTspice's own symbols (lib/sym/res.asy and so on). Two-terminal parts of the circuit are
 drawn, each pin with the label of its node; what has no symbol of two pins (the transducer, sources that are
-expressions, lines, commands) stands beside them as SPICE directives, which are as good as symbols.
+expressions, lines, commands) stands beside them as SPICE directives, which are as good as symbols. A subcircuit is one
+directive with its comments, as its lines belong together in whatever order LTspice takes the directives.
 """
 
 from __future__ import annotations
@@ -55,9 +56,8 @@ def schematic(netlist: str) -> str:
     for n, part in enumerate(parts):
         lines += _drawn(part, n % COLUMNS * WIDTH, n // COLUMNS * HEIGHT)
     lines.append(f"TEXT 0 -{2 * LINE} Left 2 ;{title.removeprefix('* ')}")
-    top, comments = rows * HEIGHT + LINE, False
-    for block in _blocks(texts):
-        comments = block[0].startswith("*")
+    top = rows * HEIGHT + LINE
+    for comments, block in _blocks(texts):
         words = "\\n".join(line.removeprefix("*").strip() if comments else line for line in block)
         if words.strip("\\n "):
             lines.append(f"TEXT 0 {top} Left 2 {';' if comments else '!'}{words}")
@@ -77,12 +77,18 @@ def _drawn(line: str, x: int, y: int) -> list[str]:
     return [*labels, *drawn, *([f"SYMATTR SpiceLine IC={initial}"] if condition else [])]
 
 
-def _blocks(texts: list[str]) -> list[list[str]]:
-    """Runs of comments and of directives."""
-    blocks: list[list[str]] = []
+def _blocks(texts: list[str]) -> list[tuple[bool, list[str]]]:
+    """Runs of comments and of directives, with whether they are comments; a subcircuit is one run."""
+    blocks: list[tuple[bool, list[str]]] = []
+    inside = ended = False
     for line in texts:
-        if blocks and blocks[-1][0].startswith("*") == line.startswith("*"):
-            blocks[-1].append(line)
+        begins = line.startswith(".subckt")
+        inside |= begins
+        comment = line.startswith("*") and not inside
+        if blocks and blocks[-1][0] == comment and not begins and not ended:
+            blocks[-1][1].append(line)
         else:
-            blocks.append([line])
+            blocks.append((comment, [line]))
+        ended = line.startswith(".ends")
+        inside &= not ended
     return blocks

@@ -1,4 +1,4 @@
-"""A real coil: inductance, loss of the core and capacitance of the winding side by side, behind its resistance."""
+"""A real coil: inductance beside the loss of its core, in line with the winding, whose capacitance is across both."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,43 +54,37 @@ class WoundShunt(LinearShunt):
         return 1.0 / ((2 * np.pi * self.self_resonance) ** 2 * self.inductance)
 
     def coil_states(self) -> tuple[State, ...]:
-        """Current of the inductance, and the voltage of the winding's capacitance where it has one."""
+        """Current of the inductance, and the voltage across the coil where its winding has a capacitance."""
         current = State("current", self.inductance)
         return (current,) if self.self_resonance is None else (current, State("winding", self.stray_capacitance))
 
-    def coil(self, series: Any, voltage: Row, z: SimpleNamespace, dz: SimpleNamespace) -> tuple[Row, list[Row]]:
-        """Current into the coil behind a resistance in series, and an equation for each of its states.
+    def coil(self, series: Any, voltage: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
+        """Equation of the inductance behind a resistance in series with it, that of the winding included.
 
         Parameters
         ----------
         series : float
-            Resistance with that of the winding, ohm.
+            ohm.
         voltage : Row
             Across both, V.
         """
-        current = self.coil_current(series, voltage, z)
-        if self.self_resonance is not None:
-            beside = 0.0 if self.core_resistance is None else 1.0 / self.core_resistance
-            stray = self.stray_capacitance * dz.winding + z.current + beside * z.winding - current
-            return current, [self.inductance * dz.current - z.winding, stray]
         if self.core_resistance is not None:
-            return current, [self.inductance * dz.current - self.core_resistance * (current - z.current)]
-        return current, [self.inductance * dz.current + series * z.current - voltage]
+            current = self.winding_current(series, voltage, z)
+            return [self.inductance * dz.current - self.core_resistance * (current - z.current)]
+        return [self.inductance * dz.current + series * z.current - voltage]
 
-    def coil_current(self, series: Any, voltage: Row, z: SimpleNamespace) -> Row:
-        """Current into the coil, A."""
-        if self.self_resonance is not None:
-            return (voltage - z.winding) / series
+    def winding_current(self, series: Any, voltage: Row, z: SimpleNamespace) -> Row:
+        """Current through the winding, A, as that of the inductance and its core; arguments as for `coil`."""
         if self.core_resistance is not None:
             return (voltage + self.core_resistance * z.current) / (series + self.core_resistance)
         return z.current
 
     def coil_losses(self, current: Row, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        """Losses of winding and core for a current into the coil; none of an ideal one."""
+        """Losses of winding and core for a current through the winding; none of an ideal coil."""
         found: list[Product] = []
         if self.winding_resistance is not None:
             found.append(Product(self.winding_resistance, current, current))
         if self.core_resistance is not None:
-            lost = current - z.current if self.self_resonance is None else z.winding / self.core_resistance
+            lost = current - z.current
             found.append(Product(self.core_resistance, lost, lost))
         return {"shunt_loss": found} if found else {}
