@@ -22,7 +22,7 @@ from piezoharvest.description.effects import (
     Stiffening,
     VoltageDependentCapacitance,
 )
-from piezoharvest.description.effects.nameless.forms import Hertz, Knee, Line, Monomial
+from piezoharvest.description.effects.nameless.forms import Corners, Hertz, Knee, Line, Monomial
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation
 from piezoharvest.description.effects.nameless.places import (
@@ -43,10 +43,12 @@ from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
 from piezoharvest.diagnose.discovery.search import FITS, promising, search, search_campaign
 from piezoharvest.diagnose.discovery.tables.smoothness import Smoothness
 from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
+from piezoharvest.diagnose.selection import stepwise_selection
 from piezoharvest.diagnose.selection.candidate_fits import FitRecord
 from piezoharvest.diagnose.selection.effect_change import EffectChange
 from piezoharvest.diagnose.selection.score_tests import effect_parameters, extended
 from piezoharvest.diagnose.thresholds import LARGE_MISFIT
+from piezoharvest.identify.fitting.levenberg_marquardt import GIVEN_UP
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import identify
@@ -134,9 +136,12 @@ def _beside_a_rider(campaign):
     return laws, *without_riders(campaign, before, problem, laws, (0,), lambda text: None)
 
 
-@pytest.mark.slow
-def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch):
-    """Not by their scores: the law with the least one goes down fastest; one that explains nothing goes at once."""
+@pytest.mark.parametrize("aim", [np.inf, 80.0])
+def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch, aim):
+    """Not by their scores: the law with the least one goes down fastest; one that explains nothing goes at once.
+
+    So does one whose fit is given up beside a law that is as good as the right one.
+    """
     places = [Spring(), Damper(), Electrodes(), Load(), Capacitor(), Coupling()]
     smoothness = Smoothness(deviation=1.0, gain=1.0)
     scored = [ScoredLaw(Law(place=place, form=Line(factor=0.0)), np.ones(1), smoothness) for place in places]
@@ -145,17 +150,58 @@ def test_places_are_chosen_by_what_a_few_iterations_explain(monkeypatch):
 
     def at(name, most):
         done.append((name, most))
-        return SimpleNamespace(name=name, found=SimpleNamespace(cost=100.0 - rates[name] * most))
+        cost = 100.0 - rates[name] * most
+        return SimpleNamespace(name=name, found=SimpleNamespace(cost=cost, message=GIVEN_UP if cost > aim else ""))
 
-    monkeypatch.setattr(halving, "fitted", lambda problem, start, law, *_, most: at(law.place.name, most))
-    monkeypatch.setattr(halving, "continued", lambda problem, start, begun, most: at(begun.name, most))
+    monkeypatch.setattr(halving, "fitted", lambda problem, start, law, *_: at(law.place.name, _[-1]))
+    monkeypatch.setattr(halving, "continued", lambda problem, start, begun, aim, most: at(begun.name, most))
     start: Any = SimpleNamespace(cost=100.0)
     problem: Any = None
-    found = halving.halved(problem, start, scored, 2, lambda message: None)
+    found = halving.halved(problem, start, scored, 2, lambda message: None, aim)
     few, more = halving.ROUNDS
-    best = ["coupling", "capacitor", "load"]
+    best = ["coupling", "capacitor", "load"] if aim == np.inf else ["coupling"]
     assert done == [*((place.name, few) for place in places), *((name, more) for name in best)]
     assert [each.law.place.name for each, _ in found] == best[:2]
+
+
+def test_what_unseen_records_have_denied_is_not_sought_again():
+    """From another start the same place was found, and a second law beside it sought for minutes, once more."""
+
+    def found_at(place, cost):
+        law = Law(place=place, form=Knee(factor=1.0, knee=0.1))
+        fitted = SimpleNamespace(found=fit_with(cost, law), law=law, place=place, form=law.form)
+        return SimpleNamespace(best=fitted, table=fitted, final=fitted.found)
+
+    ways: Any = [found_at(Spring(), 1e3), found_at(Spring(), 1e3), found_at(Load(), 1e3), found_at(Spring(), 500.0)]
+    denied, said, none = [], [], None
+    found = [
+        verdict._sought_anew(lambda *_, each=each: each, denied, none, none, said.append)  # pyright: ignore
+        for each in ways
+    ]
+    assert found == [ways[0], None, *ways[2:]]
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize(("form", "left", "coarse"), [
+    (Corners(knots=(0.1,), kinks=(1.0,)), 1.001, True), (Corners(knots=(0.1,), kinks=(1.0,)), 1.1, False),
+    (Knee(factor=1.0, knee=0.1), 1.001, False),
+])  # fmt: skip
+def test_what_is_left_between_the_corners_of_a_table_is_no_second_law(form, left, coarse):
+    """One that explains nearly all was followed by a search for a second law of four minutes."""
+    squares = ((2e6, 1e6), (left * 1e6, 1e6))
+    laws: Any = SimpleNamespace(found=(SimpleNamespace(best=SimpleNamespace(form=form)),), squares=squares)
+    assert verdict._is_coarse(laws) == coarse
+
+
+@pytest.mark.parametrize(("engine", "count", "misfit", "ends"), [
+    (True, 2, 2.0, True), (True, 1, 2.0, False), (True, 2, 0.5, False), (False, 2, 2.0, False),
+])  # fmt: skip
+def test_behind_circuits_no_third_effect_is_sought_where_two_leave_much(monkeypatch, engine, count, misfit, ends):
+    base = fit_with(0.0)
+    monkeypatch.setattr(stepwise_selection, "mean_square", lambda found: misfit * LARGE_MISFIT)
+    trials: Any = SimpleNamespace(base=base, problem=SimpleNamespace(needs_engine=engine))
+    now: Any = EffectChange(fit_with(0.0, *[Leakage(resistance=1e6)] * count))
+    assert stepwise_selection.Searcher(trials)._stays_large(now) == ends
 
 
 def test_places_are_counted_as_they_are_scored_and_tried(monkeypatch):
