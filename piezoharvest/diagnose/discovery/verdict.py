@@ -13,11 +13,11 @@ from scipy.stats import chi2
 from piezoharvest.description.effects import DiodeDropError, Effect, registered
 from piezoharvest.description.effects.nameless.circuit_places import has_diodes
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.fits_of_laws import MOST_EXPLAINED
 from piezoharvest.diagnose.discovery.growing_search import search_growing
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import (
-    MOST_EXPLAINED,
     RIVALS,
     Found,
     can_search,

@@ -22,9 +22,9 @@ from piezoharvest.description.effects.nameless.places import (
 )
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Rectifier
-from piezoharvest.diagnose.discovery import search as searching
 from piezoharvest.diagnose.discovery.law_fits import law_parameters
 from piezoharvest.diagnose.discovery.result import discovery
+from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.equations.terms import Terms
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.problem import Problem
@@ -161,14 +161,14 @@ def test_a_function_and_its_slope_share_their_corners():
 
 
 @single_threaded
-def found_in(campaign, monkeypatch, places=PLACES):
+def found_in(campaign, places=PLACES):
     """What a search among some places finds from the nominal values."""
-    monkeypatch.setattr(
-        searching, "places_of", lambda problem, visited: [place for place in places if place.input in visited]
-    )
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, ())
     model = Model(campaign.transducer, tuple(parameters_of(campaign.transducer, {"force"})), ())
-    return searching.search(problem, growing_fit(problem, model), lambda text: None)
+    return search(
+        problem, growing_fit(problem, model), lambda text: None,
+        lambda problem, visited: [place for place in places if place.input in visited],
+    )  # fmt: skip
 
 
 HIDDEN = {
@@ -181,9 +181,9 @@ HIDDEN = {
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in HIDDEN])
-def test_a_law_in_no_library_is_found_behind_a_rectifier(name, tmp_path, monkeypatch):
+def test_a_law_in_no_library_is_found_behind_a_rectifier(name, tmp_path):
     laws, true = HIDDEN[name]
-    found = found_in(rectified_campaign(tmp_path, laws), monkeypatch)
+    found = found_in(rectified_campaign(tmp_path, laws))
     law = discovery(found.best, 1.0, 0.0, ())
     assert law.place == name
     assert name not in {rival.place.name for rival in found.close}

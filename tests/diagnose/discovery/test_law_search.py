@@ -36,7 +36,7 @@ from piezoharvest.description.effects.nameless.places import (
     Spring,
 )
 from piezoharvest.description.shunts import Resistor
-from piezoharvest.diagnose.discovery import halving, verdict
+from piezoharvest.diagnose.discovery import fits_of_laws, halving, verdict
 from piezoharvest.diagnose.discovery import search as searching
 from piezoharvest.diagnose.discovery.forms.known import known_effects
 from piezoharvest.diagnose.discovery.law_fits import ScoredLaw
@@ -213,7 +213,8 @@ def test_places_are_counted_as_they_are_scored_and_tried(monkeypatch):
         "_first_form": Line(factor=0.0), "_memories": [], "fitted": None,
     }  # fmt: skip
     for name, value in replaced.items():
-        monkeypatch.setattr(searching, name, lambda *_, value=value: value)
+        for module in (searching, fits_of_laws):
+            monkeypatch.setattr(module, name, lambda *_, value=value: value, raising=False)
     monkeypatch.setattr(searching, "score", lambda problem, start, law, visited: ScoredLaw(law, visited, smoothness))
     problem: Any = SimpleNamespace(needs_engine=True, data=())
     start: Any = SimpleNamespace(cost=1000.0)
