@@ -238,12 +238,12 @@ def found_laws(
 ) -> _Laws | None:  # fmt: skip
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
 
-    A second one is sought where the first leaves much, unless that is by the corners of its table, and kept if it
+    A second one is sought where the first leaves much, unless that is by the corners of a broken line, and kept if it
     explains that. Of the `given` parameters those
     that were held are free beside the laws.
     """
     kept: _Laws | None = None
-    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept) and not _is_coarse(kept)):
+    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept) and not _is_coarse(problem, kept)):
         more = search(problem, kept.found[-1].final, progress) if kept else seek(problem, start, progress)
         earlier = kept.found if kept else ()
         more = more and with_all_free(problem, more, given)
@@ -328,10 +328,13 @@ def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple
     return _Laws(found, squares[0], tuple(squares[-len(fits) :]), unseen, checks[-1])
 
 
-def _is_coarse(laws: _Laws) -> bool:
-    """True if the last law is a table that explains nearly all of unseen records: what it leaves is between corners."""
-    table = isinstance(laws.found[-1].best.form, TABLES)
-    return table and _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1]) > thresholds.MIN_DOMINANT_SHARE
+def _is_coarse(problem: Problem, laws: _Laws) -> bool:
+    """True if the last law explains nearly all of unseen records, and has corners: what it leaves is between these.
+
+    In the engine curves have corners, too.
+    """
+    corners = problem.needs_engine or isinstance(laws.found[-1].best.form, TABLES)
+    return corners and _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1]) > thresholds.MIN_DOMINANT_SHARE
 
 
 def _much_is_left(laws: _Laws) -> bool:
