@@ -375,7 +375,8 @@ class Drafting:
             have = [d for d in have if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
-                each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
+                unit = unit_at(type(have[0].shunt), name)
+                each = ", ".join(f"{f'{getattr(d.shunt, name):.4g} {unit}'.strip()} in {d.kind}" for d in have)
                 found.append(f"candidates are not compared with the same devices: {name} is {each}")
         for name in (*CURVES, LOAD_CURVE):
             have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
