@@ -462,8 +462,13 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
     return list(kept.values())
 
 
-def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence[str]) -> list[str]:
-    """Sentence on the values of the study's shunts that are tuned, but for those `named` to be; none: no sentence."""
+def retuned(
+    drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence[str], held: Sequence[str] = ()
+) -> list[str]:
+    """Sentence on the values of the study's shunts that are tuned, but for those `named` to be; none: no sentence.
+
+    The key that it suggests goes on to hold what is `held` already.
+    """
     kinds: dict[str, list[str]] = {}
     for draft in drafts:
         for name in (*draft.free, *draft.late):
@@ -476,5 +481,5 @@ def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence
     if not kinds:
         return []
     values = ", ".join(f"{name} of {' and '.join(dict.fromkeys(found))}" for name, found in kinds.items())
-    keys = ", ".join(f'"{name}"' for name in kinds)
+    keys = ", ".join(f'"{name}"' for name in dict.fromkeys((*held, *kinds)))
     return [f"tuned, so values given in [[shunts]] are not used: {values}; design.hold = [{keys}] keeps them"]

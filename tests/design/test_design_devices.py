@@ -143,7 +143,7 @@ class TestWhatIsTunedOfGivenValues:
         options = DesignOptions(candidates=("rectifier", "parallel_sshi", "resistor"), **options)
         drive = SineForce(amplitude=0.02, frequency=50.3)
         drafts = Drafting(device, shunts, options, operation_of(drive, None, device)).drafts()
-        return retuned(drafts, shunts, options.tune or ())
+        return retuned(drafts, shunts, options.tune or (), options.hold or ())
 
     def test_is_one_sentence_with_the_keys_to_write(self, host):
         (told,) = self.told(host(0.025, 50), (self.SIDE,))
@@ -155,6 +155,11 @@ class TestWhatIsTunedOfGivenValues:
         (told,) = self.told(device, (self.COIL, self.SIDE))
         assert "dc_voltage of rectifier and parallel_sshi, phase_lag of parallel_sshi, resistance of resistor;" in told
         assert 'design.hold = ["dc_voltage", "phase_lag", "resistance"] keeps' in told
+
+    def test_the_suggested_key_goes_on_to_hold_what_is_held(self, host):
+        loaded = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5)
+        (told,) = self.told(host(0.025, 50), (loaded,), hold=("phase_lag",))
+        assert told.endswith('; design.hold = ["phase_lag", "load_resistance"] keeps them')
 
     @pytest.mark.parametrize("options", [{"hold": ("dc_voltage",)}, {"tune": ("dc_voltage",)}])
     def test_says_nothing_of_what_is_held_or_asked_for(self, host, options):
