@@ -213,6 +213,9 @@ class TestRuns:
         assert found["harvested_power"] == pytest.approx(solve(study).harvested_power, rel=2e-3)
         assert all(isinstance(step, Step) and 0 < step.done <= step.total == 20 for step in told)
         assert len(told) > 3
+        # Told without a bar, too, how long it still takes: of a step that took five seconds.
+        late = Step(told[0], told[0].done, told[0].total, spent=10 * told[0].spent + 5)
+        assert re.fullmatch(r"ngspice: \d+ % of its run, about \d+:\d\d left", late.line)
         with pytest.raises(NgspiceError, match=r"^ngspice was stopped after 0.3 s, the time limit, when \d"):
             run_netlist(netlist(study, start="steady"), timeout=0.3)
 

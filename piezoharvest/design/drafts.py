@@ -375,7 +375,8 @@ class Drafting:
             have = [d for d in have if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
-                each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
+                unit = unit_at(type(have[0].shunt), name)
+                each = ", ".join(f"{f'{getattr(d.shunt, name):.4g} {unit}'.strip()} in {d.kind}" for d in have)
                 found.append(f"candidates are not compared with the same devices: {name} is {each}")
         for name in (*CURVES, LOAD_CURVE):
             have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
@@ -461,8 +462,13 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
     return list(kept.values())
 
 
-def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence[str]) -> list[str]:
-    """Sentence on the values of the study's shunts that are tuned, but for those `named` to be; none: no sentence."""
+def retuned(
+    drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence[str], held: Sequence[str] = ()
+) -> list[str]:
+    """Sentence on the values of the study's shunts that are tuned, but for those `named` to be; none: no sentence.
+
+    The key that it suggests goes on to hold what is `held` already.
+    """
     kinds: dict[str, list[str]] = {}
     for draft in drafts:
         for name in (*draft.free, *draft.late):
@@ -475,5 +481,5 @@ def retuned(drafts: Sequence[Draft], templates: Sequence[Shunt], named: Sequence
     if not kinds:
         return []
     values = ", ".join(f"{name} of {' and '.join(dict.fromkeys(found))}" for name, found in kinds.items())
-    keys = ", ".join(f'"{name}"' for name in kinds)
+    keys = ", ".join(f'"{name}"' for name in dict.fromkeys((*held, *kinds)))
     return [f"tuned, so values given in [[shunts]] are not used: {values}; design.hold = [{keys}] keeps them"]

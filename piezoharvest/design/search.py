@@ -127,7 +127,7 @@ class _Design:
         drafts += self._synthesised(drafting)
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
-        self.notes += drafting.unlike + retuned(drafts, study.shunts, options.tune or ())
+        self.notes += drafting.unlike + retuned(drafts, study.shunts, options.tune or (), options.hold or ())
         for draft in drafts:
             self._place(draft.shunt.taken)
         candidate = self._at_free_frequency if study.free_frequency else self._at_operation

@@ -45,6 +45,7 @@ def growing_fit(
     for length in [*lengths[1:], max(len(each) for each in some.data)]:
         before, part = part, beginning(some, length)
         if part is not before:
+            progress("longer parts of the records: the misfit is that of more samples")
             nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
             try:
                 found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
@@ -52,6 +53,7 @@ def growing_fit(
                 found = fit_past_jumps(part, model, progress, poor)
     if some is problem:
         return found
+    progress("all records: the misfit is that of more samples")
     known = dict(zip(map(id, some.data), found.nuisance, strict=True))
     nuisance = [known.get(id(each), mine) for each, mine in zip(problem.data, problem.start(found.model), strict=True)]
     return fit(problem, found.model, nuisance, found.noise, progress=progress, rounds=2)

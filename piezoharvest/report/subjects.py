@@ -67,7 +67,8 @@ class Subject:
     @property
     def load_field(self) -> str | None:
         """Name of the field that holds the load, None where there is no single one."""
-        return next((name for name in LOADS if getattr(self.shunt, name, None) is not None), None)
+        given = {field.name for field in dataclasses.fields(self.shunt)}  # a bridge's `resistance` is a function
+        return next((name for name in LOADS if name in given and getattr(self.shunt, name) is not None), None)
 
     @property
     def harvests(self) -> bool:

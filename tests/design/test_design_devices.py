@@ -41,6 +41,14 @@ def test_quality_of_one_template_is_that_of_all(host, run):
     assert any("quality 9 as in the study's parallel_sshi" in note for note in result.notes)
 
 
+def test_devices_that_differ_are_told_with_their_units(host, run):
+    coil = ParallelSSHI(smoothing_capacitance=1e-5, load_resistance=2e5, quality=9.0, inductance=0.1)
+    bare = SECE(gate_energy=6.3e-9)
+    result = run(host(0.025, 50), 50.3, shunts=[coil, bare], candidates=["parallel_sshi", "sece"], phase_lag="fixed")
+    (note,) = (note for note in result.notes if "gate_energy is" in note)
+    assert note.endswith("same devices: gate_energy is 0 J in parallel_sshi, 6.3e-09 J in sece")
+
+
 def test_coil_capacitor_and_control_of_one_template_are_those_of_all(host, run):
     parts = {"inductance": 0.05, "core_resistance": 2e4, "switch_resistance": 20.0, "gate_energy": 1e-9}
     side = {"smoothing_capacitance": 1e-5, "load_resistance": 2e5, "smoothing_resistance": 50.0, "control_power": 1e-7}
@@ -107,7 +115,7 @@ def test_a_template_of_the_kind_says_otherwise(host, run):
     templates = [SCHOTTKY, SECE(diode_drop=0.5)]
     result = run(host(0.025, 50), 50.3, shunts=templates, candidates=("rectifier", "sece"), phase_lag="fixed")
     assert shunts_of(result)["sece"].diode_drop == 0.5
-    assert any("diode_drop is 0.2 in rectifier, 0.5 in sece" in note for note in result.notes)
+    assert any("diode_drop is 0.2 V in rectifier, 0.5 V in sece" in note for note in result.notes)
 
 
 def test_held_keys_are_not_tuned(host, run):
@@ -135,7 +143,7 @@ class TestWhatIsTunedOfGivenValues:
         options = DesignOptions(candidates=("rectifier", "parallel_sshi", "resistor"), **options)
         drive = SineForce(amplitude=0.02, frequency=50.3)
         drafts = Drafting(device, shunts, options, operation_of(drive, None, device)).drafts()
-        return retuned(drafts, shunts, options.tune or ())
+        return retuned(drafts, shunts, options.tune or (), options.hold or ())
 
     def test_is_one_sentence_with_the_keys_to_write(self, host):
         (told,) = self.told(host(0.025, 50), (self.SIDE,))
@@ -147,6 +155,11 @@ class TestWhatIsTunedOfGivenValues:
         (told,) = self.told(device, (self.COIL, self.SIDE))
         assert "dc_voltage of rectifier and parallel_sshi, phase_lag of parallel_sshi, resistance of resistor;" in told
         assert 'design.hold = ["dc_voltage", "phase_lag", "resistance"] keeps' in told
+
+    def test_the_suggested_key_goes_on_to_hold_what_is_held(self, host):
+        loaded = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5)
+        (told,) = self.told(host(0.025, 50), (loaded,), hold=("phase_lag",))
+        assert told.endswith('; design.hold = ["phase_lag", "load_resistance"] keeps them')
 
     @pytest.mark.parametrize("options", [{"hold": ("dc_voltage",)}, {"tune": ("dc_voltage",)}])
     def test_says_nothing_of_what_is_held_or_asked_for(self, host, options):

@@ -1,5 +1,6 @@
 """Records behind diodes and switches, made by the virtual bench, whose solver shares nothing with the engine."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,12 +105,24 @@ def test_a_loop_that_is_worse_than_its_label(tmp_path):
     check_values(found, {**BENCH, "parallel_sshi.quality": 5.5})
 
 
+def assert_jumps_of_the_misfit_are_explained(told):
+    """From one iteration to the next the misfit grows only where a message between them says why."""
+    last = None
+    for text in told:
+        found = re.fullmatch(r"iteration \d+: misfit \(-2 ln L\) (\S+)", text)
+        assert not (found and last is not None and float(found[1]) > last * (1 + 1e-5) + 1e-3), text
+        last = float(found[1]) if found else None
+
+
 def test_a_first_fit_away_from_the_jumps_of_the_voltage(tmp_path):
     """With the samples beside them the first fit ends in another minimum here."""
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
     assert "start: fit away from the jumps of voltage and current" in told
+    assert "samples beside the jumps, too: the misfit is that of more samples" in told
+    assert "longer parts of the records: the misfit is that of more samples" in told
     assert "another start: circuits with their nominal values" not in told
+    assert_jumps_of_the_misfit_are_explained(told)
     assert not found.warnings
     check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
 

@@ -1,11 +1,32 @@
 """What a report and a table say of a circuit beside its name."""
 
+import pytest
+
 from piezoharvest.cli.tables import _keys
-from piezoharvest.description.shunts import Network, Rectifier, SpiceCircuit
+from piezoharvest.description.shunts import Network, Open, ParallelSSHI, Rectifier, Resistor, SpiceCircuit
 from piezoharvest.description.shunts.duty_cycle import LoadPhase
 from piezoharvest.description.shunts.storage import Storage
-from piezoharvest.design.result import shunt_table
-from piezoharvest.report.subjects import values_of
+from piezoharvest.design.result import Candidate, shunt_table
+from piezoharvest.report.subjects import Subject, values_of
+
+
+@pytest.mark.parametrize(
+    "shunt, field",
+    [
+        (Resistor(resistance=1e5), "resistance"),
+        (Rectifier(smoothing_capacitance=1e-6, load_resistance=1e5), "load_resistance"),
+        (Rectifier(dc_voltage=3.3), "dc_voltage"),  # a bridge's `resistance` is that of its diodes, a function
+        (ParallelSSHI(dc_voltage=3.3, inductance=0.1, quality=5.0), "dc_voltage"),
+        (Open(), None),
+    ],
+)
+def test_what_the_load_is(shunt, field):
+    candidate = object.__new__(Candidate)
+    object.__setattr__(candidate, "shunt", shunt)
+    subject = Subject(candidate, shunt.kind, 0)
+    assert subject.load_field == field
+    if field is not None:
+        assert getattr(subject.with_load(2.0), field) == 2.0
 
 
 def test_net_lists_of_both_kinds_have_words():

@@ -84,6 +84,7 @@ def fit(
         # Residuals far below the noise: it was overestimated.
         if not loose and not (n < rounds + more and mean_square(found) < MAX_SHARE):
             return found
+        progress("noise estimated from the residuals: the misfit is relative to it from here on")
         noise = reestimated(problem, found)
 
 

@@ -46,6 +46,7 @@ def fit_past_jumps(
         return fit_multistart(problem, model, progress, poor)
     progress("start: fit away from the jumps of voltage and current")
     first = fit_multistart(blind, model, progress)
+    progress("samples beside the jumps, too: the misfit is that of more samples")
     nuisance = nuisance_for_problem(blind, first.nuisance, problem, first.model)
     try:
         found = fit(problem, first.model, nuisance, progress=progress, rounds=2)
@@ -53,6 +54,7 @@ def fit_past_jumps(
         return fit_multistart(problem, model, progress, poor)
     if mean_square(found) < MAX_MEAN_SQUARE:
         return found
+    progress("another start: all samples from the nominal values")
     other = fit_multistart(problem, model, progress, poor)
     squares = linearised(problem, other.model, other.nuisance, found)[2]
     return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found

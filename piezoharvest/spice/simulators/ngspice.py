@@ -90,7 +90,7 @@ class Clock:
             raise NgspiceError(f"ngspice was stopped after {self.timeout:g} s, the time limit{reached}")
         if spent > QUICK and (done := int(PARTS * share)) > self.told:
             self.told = done
-            self.progress(Step(f"ngspice: {100 * share:.0f} % of its run after {spent:.0f} s", done, PARTS))
+            self.progress(Step(f"ngspice: {100 * share:.0f} % of its run", PARTS * share, PARTS, spent=spent))
 
 
 def _run(command: list[str], folder: str, clock: Clock) -> tuple[int, str]:
