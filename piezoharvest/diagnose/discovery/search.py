@@ -15,7 +15,7 @@ from piezoharvest.description.effects.nameless.shapes import StepChange
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.fits_of_laws import FitsOfLaws, words
-from piezoharvest.diagnose.discovery.forms.formulas import ranked
+from piezoharvest.diagnose.discovery.forms.formulas import beside, ranked
 from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.law_fits import (
     FIT_TOLERANCE,
@@ -210,7 +210,10 @@ def _likeliest(problem: Problem, start: Fit, fits: FitsOfLaws) -> tuple[LawFit, 
         # A step of the engine takes ten times as long with a spline as with corners, and a formula follows anyway.
         smoother = [] if problem.needs_engine else _smoother(problem, start, table)
         smooth = min((table, *smoother), key=lambda each: each.evidence)
-        found.append((smooth, fits.formulas(smooth)))
+        forms = fits.formulas(smooth)
+        # Nine corners tell badly which of some curves that are alike it is. In the engine each would take minutes.
+        nearby = [] if problem.needs_engine else beside(problem, forms)
+        found.append((smooth, sorted((*forms, *nearby), key=lambda each: each.criterion)))
     found += [(table, ranked(problem, table)) for table in _tables_of_steps(problem, start, done, found)]
     return min(found, key=lambda each: each[1][0].criterion)
 
