@@ -26,11 +26,10 @@ class ParallelRL(WoundShunt):
         return self.coil_states()
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        current = port.v / self.resistance + self.winding_current(self.winding, port.v, z)
-        coil = self.coil(self.winding, port.v, z, dz)
-        if self.self_resonance is None:
-            return [port.i - current, *coil]
-        return [port.i - current - self.stray_capacitance * dz.winding, *coil, dz.winding - port.dv]
+        rest, coil = port.i - self.winding_current(self.winding, port.v, z), self.coil(self.winding, port.v, z, dz)
+        if self.self_resonance is not None:
+            rest, coil = rest - self.stray_capacitance * dz.winding, [*coil, dz.winding - port.dv]
+        return [self.resistance * rest - port.v, *coil]  # divided by it, a certificate over a tolerance is far wider
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         current = self.winding_current(self.winding, port.v, z)
