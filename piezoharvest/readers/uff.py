@@ -25,10 +25,10 @@ _DIRECTIONS = {0: "", **{s * n: f"{'+' if s > 0 else '-'}{d}" for s in (1, -1) f
 _FREEDOMS = ("X", "Y", "Z", "RX", "RY", "RZ")  # displacements and rotations of a node
 _TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
 _ABSCISSAE = {_TIME: "time_s", _FREQUENCY: "frequency_Hz"}
-# SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
 _CUT_OFF = "its last data set has no end (-1)"
 _BINARY = re.compile(rb" *58b.{12}([ \d]{11}\d)([ \d]{11}\d)")  # lines before its values, and the bytes of these
 _MOST_COMPLEX = 0.1  # of a shape out of phase: a response, which has the shape twice, is then 1 % off
+# SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
 _SI = {8: ("m", "length"), 9: ("N", "force"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
 
 
